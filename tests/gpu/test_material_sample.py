@@ -127,12 +127,14 @@ def test_a_sample_knows_what_clipped_pixels_show_at_least(on_gl: Any, coloured: 
     np.testing.assert_array_equal(bounded.reflected[good], true.reflected[good])
 
 
+def left(image: RadianceImage) -> RadianceImage:
+    """The same picture, its right half masked."""
+    shown = np.arange(image.rgb.shape[1]) < image.rgb.shape[1] // 2
+    return replace(image, valid=image.valid & shown)
+
+
 def test_texels_that_nothing_shows_say_nothing_of_lamps(on_gl: Any) -> None:
     """Pictures whose right half is masked: the sample is that of whole pictures, as far as these show it."""
-
-    def left(image: RadianceImage) -> RadianceImage:
-        shown = np.arange(image.rgb.shape[1]) < image.rgb.shape[1] // 2
-        return replace(image, valid=image.valid & shown)
 
     def job(device: Device) -> tuple[np.ndarray, ...]:
         with device.scope():
@@ -144,6 +146,20 @@ def test_texels_that_nothing_shows_say_nothing_of_lamps(on_gl: Any) -> None:
     assert 0.4 * len(whole) < len(half) < 0.6 * len(whole)
     pixel = 2.2 / 64  # metres
     assert half[:, 0].max() < pixel and whole[whole[:, 0] < -pixel].shape == half[half[:, 0] < -pixel].shape
+
+
+def test_a_sample_of_which_nothing_shows_is_whole(on_gl: Any) -> None:
+    """As where pictures show a small spot of a large map, which the sample misses: it is not empty."""
+
+    def job(device: Device) -> np.ndarray:
+        with device.scope():
+            right = np.zeros((32, 32), bool)
+            right[:, 20:] = True
+            sample = calibration_sample(_source(device, left), right, 1, True)
+            assert not (sample.texels.quality > 0).any()
+            return sample.position
+
+    assert len(on_gl(job)) > 100
 
 
 def test_prediction_counts_highlights_that_are_clipped(on_gl: Any) -> None:

@@ -34,8 +34,8 @@ def sampled(
 ) -> tuple[RigSample, tuple[F32, F32, F32]]:
     """As `calibration_sample`, and the (T, 4) position, normal and ``facet`` of its texels, as of GBufferMaps.
 
-    Texels that nothing is observed of are left out.  They take time, and where they were most, they made what the
-    others scatter by look like nothing.
+    Texels that nothing is observed of are left out, unless that is all.  They take time, and where they were most, they
+    made what the others scatter by look like nothing.
     """
     device = source.device
     squares = spread_squares(texels, most // SIDE, seed, SIDE)
@@ -45,6 +45,7 @@ def sampled(
         surface = sample.places.reshape(-1, 4)[places], sample.normals.reshape(-1, 4)[places]
     flat = surface[1] if facet is None else squares.pack_texture(device, facet).reshape(-1, 4)[places]
     middle, seen = surface[0][:, :3].mean(0, dtype=np.float64), (observed.quality > 0).any(1)
+    seen |= not seen.any()  # a sample of a few texels says nothing, and an empty one has no extent
     observed, surface, flat = observed.part(seen), (surface[0][seen], surface[1][seen]), flat[seen]
     position, normal = (each.astype(np.float64) for each in surface)
     views, of_layer = views_of(source)
