@@ -44,10 +44,10 @@ from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
-from ..gpu.solve.normal_texels import SAMPLE, refined_normals
+from ..gpu.solve.normal_texels import SAMPLE, refined_normals, seen_by
 from ..gpu.solve.openness import openness
 from ..gpu.solve.sparse_ladder import SparseLadder, looked, picked, surface_of
-from ..gpu.solve.world_light import world_sample
+from ..gpu.solve.world_light import TiltedLight, world_sample
 from .kept_images import ReadImage
 from .outlined_scene import Observed, through_right_cameras
 
@@ -233,8 +233,8 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     glows = any(view.environment is not None and view.environment.emitters for view in scene.views)
     allowed = given.calibrates and dark
     turns = given.calibrates and not dark and not glows and settings.lamps == "auto"
-    calibrates, refines = allowed and "auto" in (settings.lamps, settings.exposures), allowed and (
-        settings.normals == "auto")
+    calibrates = allowed and "auto" in (settings.lamps, settings.exposures)
+    refines = given.calibrates and not glows and settings.normals == "auto"
     shadows = AmbientShadows(device, grid.mesh, scene.casters)
     observed = partial(observe, device, mesh=grid.mesh, read_image=given.read_image,
                        limits=ObserveOptions(given.bounced, part, level=given.level, ambient=shadows))
@@ -270,7 +270,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         observations.release()
         observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
     if refines:
-        normals = yield from clock.stage("normals", _refined(source(observations), given, texels, grid.mesh))
+        normals = yield from clock.stage("normals", _refined(source(observations), given, texels, grid))
     if isinstance(normals, NormalsJudged):
         grid.maps.release()
         grid = draw_texels(device, grid.mesh, len(grid.coverage))
@@ -280,14 +280,20 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
 
 
 def _refined(
-    source: CameraSource, given: Given, texels: Bool, mesh: MeshBuffer,
+    source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
 ) -> Generator[Progress, None, NormalsJudged | str]:
     """Give the mesh refined normals, where they predict left-out views better; else why not."""
-    known = given.scene.scale_known
-    sample = calibration_sample(source, texels, given.settings.seed, known, SAMPLE)
-    judged = yield from judge_normals_and_relief(TiltSample.of(sample))
-    if isinstance(judged, NormalsJudged):
-        mesh.refine((yield from refined_normals(source, texels, judged, known)))
+    known, facet = given.scene.scale_known, grid.maps.facet
+    sample, surface = sampled(source, texels, given.settings.seed, known, SAMPLE, facet)
+    with source.device.scope():
+        light = TiltedLight(source, grid.mesh, given.scene) if source.layers.environment else None
+        worlds = None if light is None else (
+            yield from light(surface, seen_by(sample.texels.quality, source.layers)))
+        judged = yield from judge_normals_and_relief(TiltSample.of(sample, worlds))
+        if not isinstance(judged, NormalsJudged):
+            return judged
+        offsets = yield from refined_normals(source, texels, judged, known, facet, light)
+    grid.mesh.refine(offsets)
     return judged
 
 

@@ -20,6 +20,7 @@ from irpso_addon.solve import tiled_solve
 from irpso_addon.solve.plan_preparation import TiledRequest
 from tests.support import shoots
 from tests.support import synthetic as syn
+from tests.support.plane_normals import angles
 
 PIXELS = (96, 96)
 QUICK = {"model": "one-lobe", "registration": "given", "indirect": "off", "normals": "auto"}
@@ -64,27 +65,10 @@ def refined(rough) -> Solution:
     return shoots.run(rough, **QUICK, size=96)
 
 
-def angles(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Degrees from the true normals to the mesh's own and to those of the map, in which tangents are world axes."""
-    maps = solution.maps
-    size = len(maps.coverage)
-    at = (np.arange(size) + 0.5) / size
-    places = np.stack([*(np.meshgrid(at, at)), np.zeros((size, size))], -1)
-    points = (places - syn.MARGIN) / (1 - 2 * syn.MARGIN) * 2 - 1
-    points[..., 2] = 0
-    inside = maps.coverage & (np.abs(points[..., :2]).max(-1) < 0.9)
-    mesh, true = ROLLING(points)[inside], bumpy(points)[inside]
-    value = maps.normal[inside].astype(np.float64) * 2 - 1
-    tangent = np.cross([0.0, 1.0, 0.0], mesh)  # of the plane's UVs
-    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
-    found = value[:, :1] * tangent + value[:, 1:2] * np.cross(mesh, tangent) + value[:, 2:] * mesh
-    return tuple(np.degrees(np.arccos(np.clip((a * true).sum(-1), -1, 1))) for a in (mesh, found))
-
-
 def test_bumps_become_a_normal_map(rough, refined) -> None:
     assert refined.normals is not None and refined.normals.refined < 0.6 * refined.normals.given
     assert any("normal map" in line for line in refined.warnings)
-    before, after = angles(refined)
+    before, after = angles(refined, ROLLING, bumpy)
     assert before.mean() > 2.5 and after.mean() < 0.4 * before.mean()
 
 
@@ -113,7 +97,7 @@ def test_maps_under_refined_normals_are_nearer_to_the_truth(rough, refined) -> N
 def test_a_map_of_more_texels_than_are_fitted(rough, monkeypatch) -> None:
     """Every second row and column says the tilts."""
     monkeypatch.setattr("irpso_addon.gpu.solve.normal_texels.MOST", 3000)
-    before, after = angles(shoots.run(rough, **QUICK, size=96))
+    before, after = angles(shoots.run(rough, **QUICK, size=96), ROLLING, bumpy)
     assert after.mean() < 0.6 * before.mean()
 
 
@@ -193,7 +177,7 @@ def test_a_plan_of_fewer_texels_than_the_map(rough, refined, tmp_path) -> None:
     found = in_blocks(rough, tmp_path / "out", size=128, plan=96)
     maps = found.solution.maps
     normal, filled = found.layers["normal"], found.layers["filled"][..., 0] > 0.5
-    before, after = angles(replace(found.solution, maps=replace(maps, normal=normal, coverage=~filled)))
+    before, after = angles(replace(found.solution, maps=replace(maps, normal=normal, coverage=~filled)), ROLLING, bumpy)
     assert before.mean() > 2.5 and after.mean() < 0.4 * before.mean()
     steps = np.abs(np.diff(normal, axis=1)).mean(axis=(0, 2))
     assert steps[63] < 1.2 * np.median(steps)  # across the border of two blocks

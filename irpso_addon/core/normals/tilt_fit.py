@@ -17,9 +17,9 @@ from ..calibration.paint import paints_of, quotients
 from ..data import F64, Bool
 from ..evaluation.lobe_values import fresnel_ratio
 from ..evaluation.sampled_texels import Lobes
-from ..shading import brdf
+from ..shading import brdf, environment
 from ..vectors import dot, mean, summed
-from .tilt_sample import LEAST, LEAST_COSINE, TiltSample
+from .tilt_sample import LEAST, LEAST_COSINE, LEAST_LOG, MOST_LOG, TiltedWorlds, TiltSample
 
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
 ROUNDS = 5
@@ -29,6 +29,7 @@ LONGEST = 0.2  # radians: a step
 STEEPEST = 1.2  # tangent of the steepest tilt
 TYPICAL = 0.3  # of the median radiance: errors below count as much as there
 LEAST_SCATTER = 1e-3
+ALIKE = 4  # observations for which counts, in a texel's scatter, that of all
 NUMBERS = 3  # that are found in each texel, its roughness aside, which few observations say anything of
 
 
@@ -125,6 +126,7 @@ class TiltModel:
         self.alpha2 = (roughness**4)[:, None, None]
         ratio = 1.0 if np.all(level == 0.5) else fresnel_ratio(texels.lobes, cos_v, level[:, None, None])
         self.factor = texels.lobes[..., 3] * (energy[..., 0] * cos_v)[..., None] * ratio  # V.H stays as it is
+        self.around = None if sample.worlds is None else self._around(sample.worlds, lobes, cos_v, energy[..., 0])
 
     def at(self, tilt: F64) -> tuple[F64, F64]:
         """(T, V) each: what is reflected for each unit of base colour, and whatever that is."""
@@ -135,7 +137,21 @@ class TiltModel:
         roots = brdf.lambda_root(self.alpha2, 1 / lit**2 - 1) + brdf.lambda_root(self.alpha2, tan2_v)
         shape = brdf.D_ggx_disc(self.alpha2, sin2h, sample.texels.lobes[..., 1]) / roots
         specular = summed(np.where(cos_l > 0, self.factor * shape, 0.0)) / cos_v
-        return self.white * np.maximum(sample.brighter(cos_l), 0.0), specular
+        if self.around is not None:
+            given, slope = self.around
+            specular = specular + given * np.exp(np.clip(dot(slope, tilt[:, None]), LEAST_LOG, MOST_LOG))
+        return self.white * np.maximum(sample.brighter(tilt, cos_l), 0.0), specular
+
+    def _around(self, worlds: TiltedWorlds, lobes: Lobes, cos_v: F64, gain: F64) -> tuple[F64, F64]:
+        """(T, V) of an environment's lobe, and (T, V, 2) slopes of its logarithm: what is between nodes is linear."""
+        texels, roughness = self.sample.texels, lobes.roughness[:, 0]
+        assert texels.nodes is not None
+        logs = texels.nodes[..., 0, :]
+        given, *tilted = (np.maximum(environment.at_roughness_of_logs(each, roughness[:, None]), LEAST) for each in (
+            logs, *(logs + worlds.lobe[..., axis] for axis in (0, 1))))
+        slope = np.stack([np.log(each / given) for each in tilted], -1)
+        ratio = fresnel_ratio(texels.lobes, cos_v, lobes.level[:, None, None], texels.nodes, roughness)[..., -1]
+        return given * gain * ratio, slope
 
 
 class _Fit:
@@ -148,7 +164,7 @@ class _Fit:
         self.paints = paints_of(texels)
         self.good: Bool = texels.usable() & known
         # Radiance over that which a surface facing the light would have its irradiance of:
-        facing = np.clip(dot(texels.lobes[..., 2], sample.share), 0.05, 1.0)
+        facing = np.clip(dot(texels.lobes[..., 2], sample.share) + sample.around, 0.05, 1.0)
         shown = np.where(self.good, np.maximum(self.observed, 0.0) * facing, np.nan)
         some = self.good.any(1)
         typical = np.ones(len(shown))
@@ -168,7 +184,8 @@ class _Fit:
         white, rest = model.at(tilt)
         left = self._left(white, self.observed - rest)
         spread = self._scatter(left) if scatter is None else scatter
-        robust = 1 / (1 + (left * self.root / (CAUCHY * spread)) ** 2)
+        own = spread if self.sample.worlds is None else self._own_scatter(left, spread)[:, None]
+        robust = 1 / (1 + (left * self.root / (CAUCHY * own)) ** 2)
         self.weight = self.root**2 * robust
         base = self._bases(white, self.observed - rest)
         left = self.observed - rest - base * white
@@ -180,7 +197,7 @@ class _Fit:
             slope = (base * (more_white - white) + more_rest - rest) / STEP
             columns.append(slope - self._bases(white, slope) * white)
         slopes = np.stack(columns, -1)  # (T, V, 2 or 3)
-        across = (slopes * (self.weight / spread**2)[..., None]).transpose(0, 2, 1)
+        across = (slopes * (self.weight / own**2)[..., None]).transpose(0, 2, 1)
         normal, pull = across @ slopes, (across @ left[..., None])[..., 0]
         information, turn = (normal, pull) if self.beside is Beside.NOTHING else self._tilts_alone(normal, pull)
         return TiltsFound(information, turn + np.einsum("tij,tj->ti", information, tilt), spread, lobes)
@@ -224,3 +241,16 @@ class _Fit:
         relative = np.abs(left * self.root)[some]
         lost = float(np.mean(1 - NUMBERS / count[count > NUMBERS + 1]))
         return float(1.4826 * np.median(relative) / np.sqrt(max(lost, 0.1))) + LEAST_SCATTER
+
+    def _own_scatter(self, left: F64, scatter: float) -> F64:
+        """(T,) the same of each texel, where it is more than that of all: no tilt explains what some show.
+
+        Shadows of light from all around that are wrong spoil all of a texel's observations, those of lamps one each.
+        """
+        count = self.good.sum(1)
+        degrees = np.maximum(count - NUMBERS, 0)
+        relative = np.sort(np.where(self.good, np.abs(left * self.root), np.inf), axis=1)
+        middle = relative[np.arange(len(count)), np.maximum(count - 1, 0) // 2]
+        square = (1.4826 * np.where(degrees > 0, middle, 0.0)) ** 2 * count / np.maximum(degrees, 1)
+        return np.asarray(np.sqrt(np.maximum(
+            (ALIKE * scatter**2 + degrees * square) / (ALIKE + degrees), scatter**2)))

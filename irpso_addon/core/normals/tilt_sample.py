@@ -14,7 +14,7 @@ from ..calibration.rig_sample import RigSample
 from ..data import F64, Bool
 from ..evaluation.lobe_values import half_cosine
 from ..evaluation.sampled_texels import SampledTexels
-from ..shading import brdf
+from ..shading import brdf, environment
 from ..shading.lights import light_basis
 from ..vectors import dot, length
 
@@ -22,6 +22,31 @@ LEAST_COSINE = 1e-3
 GRAZING = 0.1  # cosine to the camera: tilts turn no normal farther away
 DIMMEST = 0.05  # of the light under the given normals: what gets less says nothing
 LEAST = 1e-12
+LEAST_LOG, MOST_LOG = -3.0, 1.5  # of an environment's light over that under the given normals: slopes lead no farther
+
+
+@dataclass(frozen=True)
+class TiltedWorlds:
+    """How what the environment of each layer does changes with a tilt: slopes of logarithms, a radian.
+
+    0 where a layer has no environment.
+    """
+
+    irradiance: F64  # (T, V, 2)
+    lobe: F64  # (T, V, NODES, 2) the radiance that the specular lobe returns at nodes of roughness
+
+    def part(self, some: Bool) -> TiltedWorlds:
+        """Some of the texels."""
+        return TiltedWorlds(self.irradiance[some], self.lobe[some])
+
+    def brighter(self, tilt: F64) -> F64:
+        """(T, V) irradiance under (T, 2) tilts, over the given one."""
+        return np.asarray(np.exp(np.clip(dot(self.irradiance, tilt[:, None]), LEAST_LOG, MOST_LOG)))
+
+    def log_lobe(self, nodes: F64, tilt: F64) -> F64:
+        """(T, V, NODES) logarithms of ``nodes``, (T, V, 2, NODES), under tilts, over the given irradiance."""
+        step = np.clip(dot(self.lobe, tilt[:, None, None]), LEAST_LOG, MOST_LOG)
+        return np.asarray(np.maximum(nodes[..., 0, :] + step, np.log(environment.LEAST)))
 
 
 @dataclass(frozen=True)
@@ -33,10 +58,12 @@ class TiltSample:
     to_camera: F64  # (T, V, 3) unit
     first: F64  # (T, 3) unit: A
     second: F64  # (T, 3) unit: B
-    share: F64  # (T, V, L) of the layer's irradiance; what is missing to 1 has no direction
+    share: F64  # (T, V, L) of the layer's irradiance; what is missing to 1 has no direction, but for an environment's
+    around: F64  # (T, V) of an environment
+    worlds: TiltedWorlds | None = None  # None: no layer has one
 
     @classmethod
-    def of(cls, rig: RigSample) -> TiltSample:
+    def of(cls, rig: RigSample, worlds: TiltedWorlds | None = None) -> TiltSample:
         """Of observations under the given normals."""
         texels, position = rig.texels, rig.position
         to_light = np.zeros((*texels.lobes.shape[:3], 3))
@@ -48,7 +75,10 @@ class TiltSample:
             for n, light in enumerate(view.lights[:to_light.shape[2]]):
                 to_light[:, v, n] = light.matrix[:3, 2] if light.kind == "SUN" else light.matrix[:3, 3] - position
         first, second = light_basis(rig.normal)
-        return cls(rig, _unit(to_light), _unit(to_camera), first, second, _shares(texels))
+        share = _shares(texels)
+        has_world = np.array([rig.rig.views[place].environment is not None for place in rig.view])
+        around = np.where(has_world, np.clip(1 - share.sum(-1), 0.0, 1.0), 0.0)
+        return cls(rig, _unit(to_light), _unit(to_camera), first, second, share, around, worlds)
 
     @property
     def texels(self) -> SampledTexels:
@@ -88,28 +118,38 @@ class TiltSample:
     def _lamp(self) -> Bool:
         return np.asarray(self.to_light.any(-1))
 
-    def brighter(self, cos_l: F64) -> F64:
-        """(T, V) irradiance at cosines (T, V, L), over the given one."""
+    def brighter(self, tilt: F64, cos_l: F64) -> F64:
+        """(T, V) irradiance under tilts, at their cosines (T, V, L), over the given one."""
         ratio = np.maximum(cos_l, 0.0) / np.maximum(self.texels.lobes[..., 2], LEAST_COSINE)
-        return 1 + dot(self.share, ratio - 1)
+        lamps = 1 + dot(self.share, ratio - 1)
+        return lamps if self.worlds is None else lamps + self.around * (self.worlds.brighter(tilt) - 1)
 
     def tilted(self, tilt: F64) -> tuple[SampledTexels, F64]:
         """The texels as they are observed under tilted normals, and (T, V) their light over the given one."""
         texels = self.texels
         cos_l, sin2h, cos_v = self.cosines(tilt)
-        brighter = self.brighter(cos_l)
+        brighter = self.brighter(tilt, cos_l)
         more = np.maximum(brighter, DIMMEST)
         # F / (2 N.L N.V) times the share of the light, which goes as N.L:
         factor = np.where(cos_l > 0, texels.lobes[..., 3] * (texels.cos_v / cos_v / more)[..., None], 0.0)
         lobes = np.stack([sin2h, texels.lobes[..., 1], np.clip(cos_l, LEAST_COSINE, 1.0), factor], -1)
         quality = np.where(brighter > DIMMEST, texels.quality, 0.0)
         return replace(texels, reflected=texels.reflected / more[..., None], quality=quality, cos_v=cos_v,
-                       lobes=lobes), more
+                       lobes=lobes, nodes=self._nodes(tilt, more)), more
+
+    def _nodes(self, tilt: F64, more: F64) -> F64 | None:
+        """As `SampledTexels` has them, under tilts that make irradiance (T, V) ``more``."""
+        given = self.texels.nodes
+        if given is None or self.worlds is None:
+            return given
+        around = self.worlds.log_lobe(given, tilt) - np.log(more)[..., None]
+        return np.stack([np.asarray(around), given[..., 1, :]], -2)
 
     def part(self, some: Bool) -> TiltSample:
         """Some of the texels."""
-        return TiltSample(self.rig.part(some), *(values[some] for values in (
-            self.to_light, self.to_camera, self.first, self.second, self.share)))
+        return TiltSample(
+            self.rig.part(some), self.to_light[some], self.to_camera[some], self.first[some], self.second[some],
+            self.share[some], self.around[some], None if self.worlds is None else self.worlds.part(some))
 
 
 def _shares(texels: SampledTexels) -> F64:

@@ -9,6 +9,7 @@ from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
+import moderngl
 import numpy as np
 
 from ...core.calibration.rig import Rig
@@ -17,19 +18,21 @@ from ...core.calibration.texel_materials import lobes_of
 from ...core.data import F32, F64, I32, Bool
 from ...core.evaluation.joint_material import OneMaterial
 from ...core.evaluation.sampled_texels import one_lobe
-from ...core.job import Progress
+from ...core.job import Progress, Steps, share_of
 from ...core.normals.judge import NormalsJudged
 from ...core.normals.tangent_map import padded
 from ...core.normals.texel_tilts import TexelTilts
 from ...core.normals.tilt_fit import Beside, fit_tilts
-from ...core.normals.tilt_sample import TiltSample
-from ..observe.observation_atlas import CameraSource, ObservationAtlas, tiles
+from ...core.normals.tilt_sample import TiltedWorlds, TiltSample
+from ..observe.observation_atlas import CameraSource, Layers, ObservationAtlas, tiles
 from .calibration_sample import views_of
 from .material_sample import LayerLight, observed_texels
+from .world_light import TiltedLight
 
 SAMPLE = 1500  # texels that say whether normals are refined
 MOST = 250_000  # texels that are fitted: pictures seldom tell more apart
 PADDING = 4  # texels around islands: what is interpolated there
+MOST_UNDER_WORLDS = 2_000_000  # observations of texels that are fitted, where light from all around is drawn for each
 AT_ONCE = 80_000  # observations of light, of texels that are fitted together: as many as fit into a core's cache
 ROUNDS = 2, 3  # of the fit with the material's roughness, and of that with each texel's own
 LEAST = 200  # texels that are fitted together: they say what is noise
@@ -37,14 +40,17 @@ THREADS = min(os.cpu_count() or 1, 8)  # that fit texels, beside that which read
 
 
 def refined_normals(
-    source: CameraSource, texels: Bool, judged: NormalsJudged, scale_known: bool,
+    source: CameraSource, texels: Bool, judged: NormalsJudged, scale_known: bool, facet: moderngl.Texture,
+    worlds: TiltedLight | None = None,
 ) -> Generator[Progress, None, F32]:
     """(m, m, 3) over the UV square: what is to be added to the unit shading normals of the ``texels``, (h, w).
 
     m is less than h where there are more texels than `MOST`: every second or third row and column says the tilts then.
+    ``facet``: as of GBufferMaps.  ``worlds``: where some view has an environment.
     """
     device, layers = source.device, source.layers
-    step = max(math.ceil(math.sqrt(np.count_nonzero(texels) / MOST)), 1)
+    most = MOST if worlds is None else min(MOST, MOST_UNDER_WORLDS // len(layers.groups))
+    step = max(math.ceil(math.sqrt(np.count_nonzero(texels) / most)), 1)
     kept = np.zeros_like(texels)
     some = slice(step // 2, None, step)
     kept[some, some] = True
@@ -61,15 +67,24 @@ def refined_normals(
                          _unit(normal[at][:, :3].astype(np.float64)), normal[at][:, 3].round().astype(np.int32),
                          np.zeros(len(blocks), np.int32), scale_known)
 
-    def fitted(at: tuple[I32, I32], blocks: F32) -> tuple[F64, F64]:
-        return _fitted(TiltSample.of(observed(at, blocks)), judged)
+    flat = device.read(facet) if worlds is not None else None
+
+    def around(at: tuple[I32, I32], blocks: F32) -> Steps[TiltedWorlds | None]:
+        if worlds is None or flat is None:
+            return None
+        surface = np.concatenate([position[at], np.ones((len(blocks), 1), np.float32)], 1), normal[at], flat[at]
+        return (yield from worlds(surface, seen_by(blocks[:, :, 0, 1], layers)))
+
+    def fitted(at: tuple[I32, I32], blocks: F32, light: TiltedWorlds | None) -> tuple[F64, F64]:
+        return _fitted(TiltSample.of(observed(at, blocks), light), judged)
 
     fits: deque[tuple[tuple[I32, I32], Future[tuple[F64, F64]]]] = deque()
     pool = ThreadPoolExecutor(THREADS, "irpso-normals")
     try:
         for done, at, blocks in _read(source, kept):
             if at is not None and blocks is not None:
-                fits.append((at, pool.submit(fitted, at, blocks)))
+                light = yield from share_of(around(at, blocks), 0.9 * done, 0.9 * done)
+                fits.append((at, pool.submit(fitted, at, blocks, light)))
             if len(fits) > THREADS:
                 _take(found, fits)
             yield Progress(0.9 * done, "normals", "shading normals")
@@ -130,10 +145,16 @@ def _fitted(sample: TiltSample, judged: NormalsJudged) -> tuple[F64, F64]:
     return found.information, found.pull
 
 
+def seen_by(quality: F32 | F64, layers: Layers) -> Bool:
+    """(T, cameras) by which cameras texels are seen, of (T, V) qualities."""
+    camera = np.array(layers.groups) // layers.channels
+    return np.stack([(quality[:, camera == n] > 0).any(1) for n in range(camera.max() + 1)], -1)
+
+
 def _light(blocks: F32, lights: int, of_layer: np.ndarray) -> LayerLight:
-    """What weighs observations against each other where the lamps' own light is not needed."""
-    cosine = np.maximum(blocks[:, :, 2:2 + max(lights, 1), 2].max(-1), 1e-3).astype(np.float64)
-    return LayerLight(cosine[..., None], of_layer)
+    """What weighs observations against each other where the lamps' own light is not needed; worlds weigh alike."""
+    cosine = blocks[:, :, 2:2 + lights, 2].max(-1, initial=1e-3) if lights else np.ones(blocks.shape[:2])
+    return LayerLight(np.asarray(cosine, np.float64)[..., None], of_layer)
 
 
 def _unit(normal: F64) -> F64:

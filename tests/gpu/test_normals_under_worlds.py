@@ -1,0 +1,64 @@
+"""Shading normals that the mesh lacks are refined under light from all around; exact ones stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Solution, View
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading.environment import about_z
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
+from tests.support import shoots, skies
+from tests.support import synthetic as syn
+from tests.support.plane_normals import angles
+from tests.support.sky_shoot import shoot
+
+SKY = skies.sky(48, sun=60.0, width=0.12, window=8.0)
+TURNS = 8
+WAVES, SLOPE = 12.0, 0.08  # bumps: radians a metre
+ROLLING = syn.plane_normal
+
+
+def bumpy(points: np.ndarray) -> np.ndarray:
+    """The plane's rolling normals with bumps on them."""
+    normal = ROLLING(points)
+    x, y = points[..., 0], points[..., 1]
+    normal = normal + SLOPE * np.stack([np.sin(WAVES * x + 3 * y), np.cos(WAVES * y), 0 * x], -1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+def views() -> list[View]:
+    """One camera; the object stands on a table that turns."""
+    turned = [replace(SKY, rotation=SKY.rotation @ about_z(turn), turn=turn)
+              for turn in np.arange(TURNS) * 2 * np.pi / TURNS]
+    return [View(Path(f"{n}.exr"), syn.cameras(6)[1], (), environment=each) for n, each in enumerate(turned)]
+
+
+def solved(made: syn.Shoot, **settings: object) -> Solution:
+    return thread.run(lambda: pipeline.solve(made.scene, SolveSettings(
+        size=40, model="one-lobe", lamps="given", **settings), made.read_image))
+
+
+def test_bumps_become_a_normal_map() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(syn, "plane_normal", bumpy)
+        made = shoot(views())
+    refined, given = solved(made), solved(made, normals="mesh")
+    assert refined.normals is not None and refined.normals.refined < 0.6 * refined.normals.given
+    before, after = angles(refined, ROLLING, bumpy)
+    assert before.mean() > 3.0 and after.mean() < 0.5 * before.mean()
+    errors = [shoots.errors(solution, made.truth).base.mean() for solution in (given, refined)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_exact_normals_stay_to_the_byte() -> None:
+    made = shoot(views())
+    auto, given = solved(made), solved(made, normals="mesh")
+    assert auto.normals is None and auto.maps.normal is None and auto.normals_why
+    assert np.array_equal(auto.maps.base_color, given.maps.base_color)
+    assert np.array_equal(auto.maps.roughness, given.maps.roughness)
