@@ -29,7 +29,7 @@ from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress, mapped
 from ..core.live_maps import Live
 from ..core.maps.stride import SparseTexels, pixels_per_texel, stride_of
-from ..core.normals.judge import NormalsJudged
+from ..core.normals.judge import FEW, NormalsJudged, too_few
 from ..core.normals.relief import judge_normals_and_relief
 from ..core.normals.tilt_sample import TiltSample
 from ..core.params import SolveSettings
@@ -44,7 +44,7 @@ from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
-from ..gpu.solve.normal_texels import SAMPLE, refined_normals, seen_by
+from ..gpu.solve.normal_texels import SAMPLE, SAMPLE_UNDER_WORLDS, refined_normals, seen_by
 from ..gpu.solve.openness import openness
 from ..gpu.solve.sparse_ladder import SparseLadder, looked, picked, surface_of
 from ..gpu.solve.world_light import TiltedLight, world_sample
@@ -283,10 +283,13 @@ def _refined(
     source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
 ) -> Generator[Progress, None, NormalsJudged | str]:
     """Give the mesh refined normals, where they predict left-out views better; else why not."""
-    known, facet = given.scene.scale_known, grid.maps.facet
-    sample, surface = sampled(source, texels, given.settings.seed, known, SAMPLE, facet)
+    known, facet, around = given.scene.scale_known, grid.maps.facet, source.layers.environment
+    sample, surface = sampled(
+        source, texels, given.settings.seed, known, SAMPLE_UNDER_WORLDS if around else SAMPLE, facet)
+    if too_few(sample.texels):
+        return FEW
     with source.device.scope():
-        light = TiltedLight(source, grid.mesh, given.scene) if source.layers.environment else None
+        light = TiltedLight(source, grid.mesh, given.scene) if around else None
         worlds = None if light is None else (
             yield from light(surface, seen_by(sample.texels.quality, source.layers)))
         judged = yield from judge_normals_and_relief(TiltSample.of(sample, worlds))

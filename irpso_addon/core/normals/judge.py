@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..calibration.texel_materials import lobes_of, materials_of
-from ..data import F64, I32
+from ..data import F64, I32, Bool
 from ..evaluation.folds import Folds, Judge, rises, scatter, split
 from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, SampledTexels, parts, predicted
@@ -48,6 +48,15 @@ class NormalsJudged:
     large: bool = False  # whether what whole regions have in common is kept
 
 
+def too_few(texels: SampledTexels) -> bool:
+    """Whether too few texels have enough observations for anything to be said of normals."""
+    return int(np.count_nonzero(_judged(texels))) < LEAST_TEXELS
+
+
+def _judged(texels: SampledTexels) -> Bool:
+    return np.asarray(texels.usable().sum(1) >= LEAST_VIEWS)
+
+
 def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
     """What is to be refined; or why the normals stay as they are given.
 
@@ -55,9 +64,11 @@ def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
     they are found.  Where a reflection is not the model's, a roughness beside each tilt takes up a part of that.
     Prediction decides.
     """
-    sample = sample.part(sample.texels.usable().sum(1) >= LEAST_VIEWS)
+    if too_few(sample.texels):
+        return FEW
+    sample = sample.part(_judged(sample.texels))
     folds, texels = split(sample.texels), sample.texels
-    if folds is None or len(texels.cos_v) < LEAST_TEXELS:
+    if folds is None:
         return FEW
     yield Progress(0.0, "normals", "shading normals")
     given = _lobes(sample, texels, materials_of(sample.rig, texels, not sample.rig.scale_known))
@@ -74,6 +85,8 @@ def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
             yield Progress(0.5 * n + 0.2 + 0.3 * (fold + 1) / len(folds.left_out), "normals")
         if contest.worth_it() and (best is None or contest.beats(best)):
             best = contest
+            if sample.worlds is not None:  # soft light hardly tells how rough each texel is
+                break
     if best is None:
         return NO_BETTER
     return best.judged_normals()

@@ -30,9 +30,10 @@ from .material_sample import LayerLight, observed_texels
 from .world_light import TiltedLight
 
 SAMPLE = 1500  # texels that say whether normals are refined
+SAMPLE_UNDER_WORLDS = 500  # the same where light from all around is drawn for each
 MOST = 250_000  # texels that are fitted: pictures seldom tell more apart
 PADDING = 4  # texels around islands: what is interpolated there
-MOST_UNDER_WORLDS = 2_000_000  # observations of texels that are fitted, where light from all around is drawn for each
+MOST_UNDER_WORLDS = 750_000  # observations of texels that are fitted, where light from all around is drawn for each
 AT_ONCE = 80_000  # observations of light, of texels that are fitted together: as many as fit into a core's cache
 ROUNDS = 2, 3  # of the fit with the material's roughness, and of that with each texel's own
 LEAST = 200  # texels that are fitted together: they say what is noise
