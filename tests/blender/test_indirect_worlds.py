@@ -26,6 +26,14 @@ from tests.support import skies
 from tests.support.texels import finish
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_directions() -> Iterator[None]:
+    """Light that bounces is judged here."""
+    with pytest.MonkeyPatch.context() as patch:
+        skies.sum_few_directions(patch)
+        yield
+
+
 def under_sky(folder: Path, floor: bool, turns: bool = False) -> SceneData:
     """The ball, with or without its floor, under a sky with a window, from six sides.
 

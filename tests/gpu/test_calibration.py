@@ -79,6 +79,7 @@ def test_a_lamp_in_the_wrong_place(plane) -> None:
     assert lamp.share == pytest.approx(0.2 / 3.1, rel=0.15) and 0 < max(lamp.offset_error) < 0.03
 
 
+@pytest.mark.one_python
 def test_a_lamp_of_wrong_colour(plane) -> None:
     """The scene has it white, and it was warm; nothing else is changed for that."""
     warm = np.array([1.1, 1.0, 0.9])
@@ -298,6 +299,7 @@ def by_flash(count: int, noise: float = 0.0) -> syn.Shoot:
     return syn.shoot(syn.PATCHES, views, PIXELS, noise=noise)
 
 
+@pytest.mark.one_python
 def test_a_flash_whose_power_differs_from_picture_to_picture() -> None:
     """A view's brightness is sure, though its lamp's power, its lamp's distance and its exposure are not."""
     shoot, rng = by_flash(12), np.random.default_rng(9)
@@ -312,6 +314,7 @@ def test_a_flash_whose_power_differs_from_picture_to_picture() -> None:
     assert rough_error(shoot, solution) < 0.5 * rough_error(shoot, shoots.run(wrong, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 def test_too_little_to_judge_by() -> None:
     """One view; and two, of which none can be left out."""
     for count in (1, 2):
@@ -345,6 +348,7 @@ def test_pictures_that_darken_towards_their_edges(plane, power) -> None:
     assert rough_error(plane, solution) < (0.3 if power == 12 else 0.9) * rough_error(plane, given)
 
 
+@pytest.mark.one_python
 def test_nothing_is_put_right_by_a_mirror() -> None:
     """Of its pictures, which are right, a vignetting of -2.2 EV explains a little more than nothing."""
     metal = replace(syn.PATCHES, roughness=syn.quarters([0.1, 0.12, 0.15, 0.1]),

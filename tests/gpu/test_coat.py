@@ -88,6 +88,7 @@ def test_maps_below_a_coat_come_out(shoot, found):
     assert np.median(off.base) < 1e-3 and np.quantile(off.base, 0.9) < 0.01
 
 
+@pytest.mark.one_python
 def test_a_metal_below_a_coat_comes_out():
     shoot = syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=0.7, coat=COAT)),
                       shoots.rig(lamps=10), (56, 56))

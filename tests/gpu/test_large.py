@@ -261,7 +261,8 @@ def in_two_squares(folder: Path, filled: float) -> SceneData:
     return replace(shoot.scene, mesh=mesh, views=views)
 
 
-@pytest.mark.parametrize(("filled", "indirect", "rendered"), [(0.0, "auto", 0), (0.05, "auto", 1), (0.0, "on", 1)])
+@pytest.mark.parametrize(("filled", "indirect", "rendered"), [
+    (0.0, "auto", 0), pytest.param(0.05, "auto", 1, marks=pytest.mark.one_python), (0.0, "on", 1)])
 def test_indirect_light_of_several_squares(filled: float, indirect: str, rendered: int, tmp_path: Path) -> None:
     """It is rendered from the plan's maps where shadows show some, or where it is asked for, as of one square."""
     asked: list[int] = []

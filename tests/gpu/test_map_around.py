@@ -114,6 +114,7 @@ def test_squares_say_nothing_of_each_other(found: Found) -> None:
     assert np.abs(found.changed - found.around)[:8, 8:].max() > 0.01
 
 
+@pytest.mark.one_python
 def test_texels_that_know_roughness_from_neighbours_are_not_drawn_to_one(on_gl: Any) -> None:
     """By squares alone a roughness per texel predicts worse (0.068 of the radiance) than one that is drawn (0.059)."""
     def decided(device: Device) -> Decision:

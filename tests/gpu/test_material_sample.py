@@ -162,6 +162,7 @@ def test_a_sample_of_which_nothing_shows_is_whole(on_gl: Any) -> None:
     assert len(on_gl(job)) > 100
 
 
+@pytest.mark.one_python
 def test_prediction_counts_highlights_that_are_clipped(on_gl: Any) -> None:
     """Lambert lacks them; the one lobe that the square has does not."""
 

@@ -114,6 +114,7 @@ def test_maps_of_a_metal_come_out(shoot, found):
     assert np.median(off.base) < 1e-3 and np.quantile(off.base, 0.9) < 0.01
 
 
+@pytest.mark.one_python
 def test_metallic_and_specular_level_go_together():
     shoot = syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=0.7, level=0.8)),
                       shoots.rig(lamps=10), (56, 56))
@@ -174,6 +175,7 @@ def apart(mixed: syn.Shoot) -> Solution:
     return shoots.run(mixed, model="auto")
 
 
+@pytest.mark.one_python
 def test_paint_beside_metal_in_one_slot_has_its_own_metallic(mixed, apart) -> None:
     """One Metallic for all would bend the paint's roughness."""
     maps = apart.maps
@@ -271,6 +273,7 @@ def test_a_material_that_is_no_mixture_has_no_map_of_metallic(metallic) -> None:
     assert (solution.model == {"Paint": "one-lobe-metallic"}) == (metallic > 0)
 
 
+@pytest.mark.one_python
 def test_a_part_keeps_what_is_metal_and_what_is_paint(mixed, apart) -> None:
     corners = (mixed.scene.mesh.uvs[..., 0] > 0.3).astype(np.float32)
     given = replace(mixed, scene=replace(mixed.scene, start=apart, region=Region(corners=corners)))
@@ -285,6 +288,7 @@ def test_a_part_keeps_what_is_metal_and_what_is_paint(mixed, apart) -> None:
         shoots.run(given, model="one-lobe-metallic")
 
 
+@pytest.mark.one_python
 def test_a_part_of_one_metallic_does_not_believe_paint(mixed, apart) -> None:
     """The material keeps the one value that its other part has."""
     one = replace(apart, maps=replace(apart.maps, metallic=None), paint={})
@@ -298,6 +302,7 @@ def test_a_part_of_one_metallic_does_not_believe_paint(mixed, apart) -> None:
     assert np.mean(off[inside & sure] > 0.1) < 0.01
 
 
+@pytest.mark.one_python
 def test_views_beyond_what_a_software_renderer_finishes(on_gl, shoot, monkeypatch):
     """Tables of metals would be wrong there without a message."""
     monkeypatch.setattr(observation_atlas, "LOOP_ROUNDS", 10)

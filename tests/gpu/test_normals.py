@@ -72,6 +72,7 @@ def test_bumps_become_a_normal_map(rough, refined) -> None:
     assert before.mean() > 2.5 and after.mean() < 0.4 * before.mean()
 
 
+@pytest.mark.one_python
 def test_the_tilt_that_is_reported_is_that_of_what_views_show(rough, refined) -> None:
     """Texels outside the pictures keep the mesh's normals: half of all are such, or more."""
     y, x = np.indices(PIXELS) - (PIXELS[0] - 1) / 2
@@ -84,6 +85,7 @@ def test_the_tilt_that_is_reported_is_that_of_what_views_show(rough, refined) ->
     assert found.normals.tilt == pytest.approx(refined.normals.tilt, rel=0.2)
 
 
+@pytest.mark.one_python
 def test_maps_under_refined_normals_are_nearer_to_the_truth(rough, refined) -> None:
     given = shoots.run(rough, **QUICK | {"size": 96, "normals": "mesh"})
     assert given.maps.normal is None
@@ -108,6 +110,7 @@ def test_a_map_does_not_depend_on_how_many_threads_fit_it(rough, refined, monkey
     assert np.array_equal(alone.maps.roughness, refined.maps.roughness)
 
 
+@pytest.mark.one_python
 def test_a_part_under_kept_normals_is_as_sure_as_the_whole(rough, refined) -> None:
     """Noise counts twice there too (decision 0043): else a tenth of the standard errors are a fifth smaller."""
     size = len(refined.maps.coverage)

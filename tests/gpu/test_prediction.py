@@ -123,6 +123,7 @@ def test_the_spread_of_texels_is_that_of_those_whose_own_data_show_their_roughne
     assert found.spread(np.indices(solved.shape)[0] < 30) == 0.0  # nobody knows
 
 
+@pytest.mark.one_python
 def test_what_was_predicted_is_what_the_left_out_lamps_show(real):
     """By vectors and brdf.principled, at the texels, with the maps as they came out."""
     maps, n = real.maps, real.maps.roughness.shape[0]
@@ -145,6 +146,7 @@ def test_what_was_predicted_is_what_the_left_out_lamps_show(real):
     assert np.sqrt(square / signal) == pytest.approx(real.predictions["Paint"].error.relative_rms, rel=0.5)
 
 
+@pytest.mark.one_python
 def test_in_its_own_world_the_fit_decides():
     exact = shoot(syn.PATCHES, cameras=2, noise=0.0)
     found = run(exact, model="auto")
@@ -153,6 +155,7 @@ def test_in_its_own_world_the_fit_decides():
     assert np.median(errors(found, syn.PATCHES).rough) < 1e-4
 
 
+@pytest.mark.one_python
 def test_two_lobes_must_predict_better_than_one_lobe(monkeypatch):
     """However evidence came to prefer them: as where a scan's normals put highlights beside their places."""
     def two(*_):

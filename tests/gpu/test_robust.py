@@ -160,6 +160,7 @@ def test_clean_data_are_left_alone_bit_for_bit(on_gl):
     assert (rough == rough2).all() and (base == base2).all()
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("spec", "robust"), [
     (Spec("one-lobe", 12, 160, noise=0.01, outliers=0.1), True), (Spec("two-lobe", 24, 160, noise=0.002), False)])
 def test_some_squares_of_a_large_map_decide_as_the_whole(on_gl, monkeypatch, spec, robust):

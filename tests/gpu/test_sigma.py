@@ -101,6 +101,7 @@ def test_neighbours_help(on_gl):
     assert off[1].mean() < 0.5 * off[0].mean()
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("count", [16, 20])
 def test_a_carried_flash_leaves_texels_that_know_their_roughness(count):
     """Each camera has one view: the noise shows in how cameras differ, and is 1 % here, not the 5 % that they may."""

@@ -252,6 +252,7 @@ def test_tiles_do_not_change_a_byte(patches, solved, monkeypatch, method, tile):
     assert raw(run(patches, method=method)) == raw(solved[method])
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("method", METHODS)
 def test_another_seed_changes_nothing_that_matters(patches, solved, method):
     other = run(patches, method=method, seed=12345).maps

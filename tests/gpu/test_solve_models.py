@@ -65,6 +65,7 @@ def test_a_specular_level_comes_out(shoots, settings):
     assert off.share > 0.98
 
 
+@pytest.mark.one_python
 def test_the_wrong_level_is_seen(shoots):
     """Solved for one lobe of level 0.5, the same pictures leave ten times the error: what auto goes by.
 
@@ -102,11 +103,13 @@ def test_two_lobes_come_out(shoots, name, settings):
     assert base.share > 0.98
 
 
+@pytest.mark.one_python
 def test_beckmann_read_as_ggx_fits_worse(shoots):
     right, wrong = (run(shoots["cook-torrance"], size=SIZE, model="two-lobe", ndf=ndf) for ndf in ("beckmann", "ggx"))
     assert wrong.residual > 5 * right.residual
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("name, model", [("lacquer", "one-lobe-specular"), ("coat", "two-lobe")])
 def test_a_start_at_a_draft_is_no_worse_than_one_anew(shoots, name, model):
     anew, draft = (run(shoots[name], size=SIZE, model=model, method=method) for method in ("refined", "draft"))
@@ -124,12 +127,12 @@ def test_a_start_at_a_draft_is_no_worse_than_one_anew(shoots, name, model):
                          ids=["auto", "specular", "two-lobe"])
 def test_a_stop_keeps_what_was_found_and_leaves_nothing(on_gl, shoots, monkeypatch, settings):
     """At a third of the solve stage's steps, and at two thirds; of four tiles."""
-    monkeypatch.setattr(gpu_atlas, "TILE", (16, 16))
+    monkeypatch.setattr(gpu_atlas, "TILE", (8, 8))
     shoot: Any = shoots["coat"]
 
     def job(stop: int | None) -> Any:
         def steps() -> Any:
-            inner = pipeline.solve(shoot.scene, SolveSettings(size=32, **settings), shoot.read_image)
+            inner = pipeline.solve(shoot.scene, SolveSettings(size=16, **settings), shoot.read_image)
             count = 0
             try:
                 while True:
@@ -145,7 +148,7 @@ def test_a_stop_keeps_what_was_found_and_leaves_nothing(on_gl, shoots, monkeypat
         return thread.run(steps)
 
     total, whole = job(None)
-    run(shoot, size=32, model="one-lobe")  # what an early stop leaves: its programs are built now
+    run(shoot, size=16, model="one-lobe")  # what an early stop leaves: its programs are built now
     before = on_gl(held)
     assert not whole.cancelled
     for stop in (total // 3, 2 * total // 3):

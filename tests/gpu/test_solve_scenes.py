@@ -32,6 +32,7 @@ def test_no_view_that_sees_anything_is_an_error(patches):
         run(turned_away(patches, len(patches.scene.views)))
 
 
+@pytest.mark.one_python
 def test_masked_and_clipped_pixels_say_nothing(patches):
     """A stripe of each picture is nonsense: clipped in half of the views, masked in the others."""
     images = {}
@@ -142,6 +143,7 @@ def test_what_no_view_sees_is_filled_and_said(patches):
     assert np.isfinite(found.maps.base_color).all()
 
 
+@pytest.mark.one_python
 def test_what_views_show_only_at_edges_is_not_called_unlit():
     """Lamps and cameras above an open plane light and see all of it; its border is wide in small pictures."""
     found = run(syn.shoot(syn.PATCHES, rig(), pixels=(24, 24), samples=2))

@@ -71,6 +71,7 @@ def test_standard_errors_hold_as_often(shoot: syn.Shoot, every: Solution, second
     assert held[1] > held[0] - 0.05
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("model", ["two-lobe", "one-lobe-specular", "lambert"])
 def test_all_that_is_solved_for_is_there_everywhere(shoot: syn.Shoot, model: str) -> None:
     found = run(shoot, size=SIZE, model=model, specular="texel")
@@ -85,10 +86,12 @@ def test_all_that_is_solved_for_is_there_everywhere(shoot: syn.Shoot, model: str
     assert (maps.specular is not None) == (model == "one-lobe-specular")
 
 
+@pytest.mark.one_python
 def test_the_published_method_solves_each(shoot: syn.Shoot) -> None:
     assert run(shoot, size=SIZE, method="paper", iterations=8).stride == 1
 
 
+@pytest.mark.one_python
 def test_a_search_may_start_at_the_last_result(shoot: syn.Shoot, second: Solution) -> None:
     again = run(replace(shoot, scene=replace(shoot.scene, start=second)), size=SIZE, start="last")
     assert again.stride == 2
@@ -131,6 +134,7 @@ def test_a_stop_keeps_what_was_found(shoot: syn.Shoot, second: Solution, stage: 
     assert (maps.confidence[~solved] == 0).all()
 
 
+@pytest.mark.one_python
 def test_blocks_solve_the_same_texels(shoot: syn.Shoot, second: Solution, tmp_path: Path) -> None:
     """The plan says which; and no border of blocks shows in what the blocks found."""
     views = []

@@ -46,6 +46,7 @@ def test_what_was_not_solved_does_not_count() -> None:
     assert (unexplained(left, np.full(left.shape, 24, np.float32), slots) == 1).all()
 
 
+@pytest.mark.one_python
 def test_shadows_that_the_mesh_does_not_cast_are_said_and_spoil_no_interval() -> None:
     """A square that half of the views show in a shadow which the scene does not explain.
 
@@ -78,6 +79,7 @@ def test_shadows_that_the_mesh_does_not_cast_are_said_and_spoil_no_interval() ->
     assert 0.04 <= found.checks.contradicted < 0.06  # a square of 0.2, and pixels at its edge
 
 
+@pytest.mark.one_python
 def test_smoother_than_is_searched() -> None:
     """Roughness 0.03: the search ends at 0.05, and the standard errors of the surest do not contain 0.03."""
     smooth = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.03))

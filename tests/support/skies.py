@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from irpso_addon.core.data import Environment
+from irpso_addon.core.shading import environment as model
 
 SUN = np.array([0.5, -0.6, 0.62]) / np.linalg.norm([0.5, -0.6, 0.62])
 WINDOW = np.array([-0.8, -0.4, 0.3]) / np.linalg.norm([-0.8, -0.4, 0.3])
@@ -36,3 +38,13 @@ def sky(height: int = 256, rotation: np.ndarray | None = None, **settings: float
     """``settings``: of `radiance`."""
     picture = radiance(unit_directions(height), **settings).astype(np.float32)
     return Environment("sky", picture, np.eye(3) if rotation is None else rotation)
+
+
+def sum_few_directions(patch: pytest.MonkeyPatch, most: int = 128) -> None:
+    """For tests that judge something else than this sum, whose shadows would be most of their time."""
+    every = model.directions
+
+    def few(environment: Environment, count: int = model.COUNT, divides: bool = True) -> model.Directions:
+        return every(environment, min(count, most), divides)
+
+    patch.setattr(model, "directions", few)
