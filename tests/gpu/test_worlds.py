@@ -42,9 +42,8 @@ def _spoilt(scene: SceneData, **by: tuple[float, float]) -> SceneData:
 
 
 def _solved(made: syn.Shoot, scene: SceneData, **settings: object) -> Solution:
-    """Cameras are right: a round with others of them would draw all that a world lights again."""
-    chosen = SolveSettings(**{"size": 32, "model": "one-lobe", "registration": "given", **settings})
-    return thread.run(lambda: pipeline.solve(scene, chosen, made.read_image))
+    return thread.run(lambda: pipeline.solve(
+        scene, SolveSettings(size=32, model="one-lobe", **settings), made.read_image))
 
 
 def _views(*environments: Environment) -> list[View]:
@@ -90,7 +89,8 @@ def test_a_turntable_of_many_turns_is_judged_by_few_directions_each(monkeypatch)
     views = [View(Path(f"{n}.exr"), camera, (), environment=turned)
              for n, (camera, turned) in enumerate(zip(syn.cameras(16), turns, strict=True))]
     made = shoot(views)
-    found = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0))).calibration.worlds
+    # Cameras are right: a round with others of them would draw all that the world lights again.
+    found = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0)), registration="given").calibration.worlds
     assert len(found) == 16 and all(world.sure_turn for world in found)
     assert [math.degrees(world.turn) for world in found] == pytest.approx([-3.0] * 16, abs=0.25)
 
