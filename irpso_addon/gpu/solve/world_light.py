@@ -22,8 +22,8 @@ from .calibration_sample import sampled, views_of
 
 DIRECTIONS = 128  # that stand for an environment: 256 turn worlds no better, ...
 FEWEST = 32  # ... nor fewer of each where there are many: the errors of their shadows average out
-ALL = 768  # of all environments, as far as FEWEST allows, where worlds are turned
-SLOPES = 384  # the same where normals tilt: twice as many say the same tilts
+MOST = 6  # environments with so many directions each, as far as FEWEST allows
+TILTED = 64  # directions where normals tilt: twice as many say the same tilts
 WIDTH = 32  # texels: of the grid that holds the sample
 TILT = 0.1  # radians: for slopes
 Key = tuple[str, float]
@@ -39,9 +39,9 @@ class SampleTexels:
     defines: dict[str, str]
 
 
-def directions_each(environments: int, most: int = ALL) -> int:
-    """How many directions stand for each of so many environments while worlds or normals are judged."""
-    return max(min(DIRECTIONS, most // max(environments, 1)), FEWEST)
+def directions_each(environments: int, most: int = DIRECTIONS) -> int:
+    """How many directions, at most so many, stand for each of so many environments while they are judged."""
+    return max(min(most, MOST * most // max(environments, 1)), FEWEST)
 
 
 def sample_grids(device: Device, surface: tuple[F32, F32, F32], some: Bool) -> GBufferMaps:
@@ -60,7 +60,7 @@ class Worlds:
     """The environments of all layers, and the directions that stand for them."""
 
     def __init__(self, source: CameraSource, mesh: MeshBuffer, scene: SceneData, stage: str, most: int) -> None:
-        """``stage``: as of Progress.  ``most``: directions of all environments."""
+        """``stage``: as of Progress.  ``most``: directions of an environment."""
         self.device, self.cameras, self.stage = source.device, source.observations.cameras, stage
         self.visibility = LightVisibility(self.device, mesh, Occluders(self.device, scene.casters), 1)
         views, of_layer = views_of(source)
@@ -144,7 +144,7 @@ class TiltedLight:
     """How the light of all worlds changes as normals tilt; shadow maps belong to the scope."""
 
     def __init__(self, source: CameraSource, mesh: MeshBuffer, scene: SceneData) -> None:
-        self.worlds = Worlds(source, mesh, scene, "normals", SLOPES)
+        self.worlds = Worlds(source, mesh, scene, "normals", TILTED)
         self.lit: dict[Key, LitByEnvironment] = {}
 
     def __call__(self, surface: tuple[F32, F32, F32], seen: Bool) -> Steps[TiltedWorlds]:
@@ -193,7 +193,7 @@ def world_sample(
     rig, surface = sampled(source, texels, seed, scene.scale_known, facet=maps.facet)
     cameras = range(len(source.observations.cameras))
     seen = np.stack([(rig.texels.quality[:, rig.texels.camera == n] > 0).any(1) for n in cameras], -1)
-    worlds = Worlds(source, mesh, scene, "calibrate", ALL)
+    worlds = Worlds(source, mesh, scene, "calibrate", DIRECTIONS)
     light = WorldLight(worlds, surface, seen)
     given = yield from light(np.zeros(len(worlds.keys)))
     key = [-1 if each is None else worlds.keys.index(each.world) for each in worlds.layers]
