@@ -25,7 +25,7 @@ Found = TypeVar("Found")
 
 def two_lobes(way: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Half of each: no candidate has both."""
-    narrow, wide = balls.principled(0.15), balls.principled(0.6)
+    narrow, wide = balls.principled(0.12), balls.principled(0.6)
     return np.asarray(0.5 * narrow(way, normals) + 0.5 * wide(way, normals))
 
 

@@ -23,6 +23,8 @@ from .drawn_base_trials import DrawnBaseTrials
 from .prediction_trials import Trial, settled
 from .trial_runs import PREDICTING
 
+OFF_RMS, OFF_LIGHTNESS = 0.1, 2.0  # errors from which on: less may be what pixels blur, which other values only hide
+
 
 class SettledTrials(DrawnBaseTrials):
     """What may become of the trial that is to be taken."""
@@ -32,14 +34,16 @@ class SettledTrials(DrawnBaseTrials):
         trial = self.trials.get(taken)
         if trial is None or trial.strength != ONE_VALUE:
             return taken
+        left = self.judge.error(taken)
+        if left.relative_rms < OFF_RMS and left.lightness < OFF_LIGHTNESS:
+            return taken
         new, count = settled(trial), len(self.places)
         for n, (left_out, joint) in enumerate(zip(self.folds.left_out, self.joints, strict=True)):
             one = yield from self._settled_values(new, trial.material(joint), by_light, without=n)
             self._keep(new.name, lobes := lobes_of(one, count), predicted(
                 self.observed, lobes, ~left_out, drawn=trial.base_strength, by_light=by_light))
         self.judge.add(new.name, self.predictions[new.name])
-        if not self.judge.leads(new.name, ALIKE[0], [taken]) or not self._no_worse(
-                new.name, self.judge.error(taken)):
+        if not self.judge.leads(new.name, ALIKE[0], [taken]) or not self._no_worse(new.name, left):
             return taken
         self.trials[new.name] = new
         return new.name
