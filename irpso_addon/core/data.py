@@ -19,6 +19,7 @@ from .check_records import Checks
 from .lens import Lens
 
 ONE_VALUE = 1e5  # strength of a material's prior that leaves its texels no choice
+ONE_BASE = 1e6  # observations for which a base colour counts that leaves texels no choice
 F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -299,6 +300,7 @@ class MaterialPrediction:
     clear: bool = True  # whether the model that the fit prefers leads clearly: in its own world it does
     broad_metal: bool = False  # what was taken is a metal whose lobe is as broad as there is: no metal is
     by_light: float = 0.0  # power of the irradiance by which observations count in base colour
+    noise_by_light: float = 1.0  # how much more of the noise base colour has by that
 
     @property
     def error(self) -> PredictionError:

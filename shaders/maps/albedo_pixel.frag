@@ -20,7 +20,12 @@ uniform sampler2D u_more[VIEWS];      // see o_rough there
 #endif
 #ifdef BY_LIGHT
 uniform sampler2D u_light[VIEWS];     // irradiance over a typical one
+#ifdef COAT
+#define POWER u_coat
+#else
 uniform sampler2D u_by_light;         // texel grid: the power of it by which views count
+#define POWER u_by_light
+#endif
 float by_light, good_quality;         // here; from where on a view is a good one
 #endif
 uniform sampler2D u_before;     // albedo sum of the pass before
@@ -97,7 +102,7 @@ void main() {
     o_albedo = o_weight = vec4(0.0);
 #define AT(image) texelFetch(image, at, 0)
 #ifdef BY_LIGHT
-    by_light = textureLod(u_by_light, texelFetch(u_uv, at, 0).xy, 0.0).r;
+    by_light = textureLod(POWER, texelFetch(u_uv, at, 0).xy, 0.0).b;
     good_quality = 0.5 * cos_v * cos_v;
 #define LIGHT(k) AT(u_light[k]).r
 #else

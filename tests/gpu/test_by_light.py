@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 
+import moderngl
 import numpy as np
 import pytest
 
 from irpso_addon.core.change_records import PredictionError
 from irpso_addon.core.data import Camera, Light, MaterialPrediction
 from irpso_addon.core.evaluation import folds
-from irpso_addon.core.evaluation.sampled_texels import SampledTexels, predicted
+from irpso_addon.core.evaluation.sampled_texels import SampledTexels, noise_by_light, predicted
 from irpso_addon.core.shading.lights import light_irradiance
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.maps import albedo
+from irpso_addon.gpu.maps.albedo import AlbedoSolver, Gloss
 from irpso_addon.gpu.solve.model_prediction import Decision, ModelPrediction
 from irpso_addon.gpu.solve.trial_runs import BY_LIGHT, TrialRuns
 from tests.support import synthetic as syn
@@ -20,6 +25,7 @@ from tests.support import tilted_sphere as balls
 from tests.support.shoots import half_again, run
 
 BASE = np.array([0.5, 0.35, 0.2])
+SAMPLER_2D = 0x8B5E  # GL_SAMPLER_2D
 EVEN = replace(syn.PATCHES, base=lambda u, v: np.broadcast_to(BASE, (*np.shape(u), 3)))
 
 
@@ -61,12 +67,12 @@ def expected(views: list[tuple[Camera, list[Light]]], power: float, size: int) -
     return np.asarray((total / weights).reshape(size, size, 1) * BASE)
 
 
-def decide_on(power: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lambert's model is taken, and this power."""
+def decide_on(power: float, monkeypatch: pytest.MonkeyPatch, noise: float = 1.0) -> None:
+    """Lambert's model is taken, and this power.  ``noise``: how much more of it base colours then have."""
     def decide(*_: object) -> Iterator[Decision]:
         yield from ()
         return Decision("lambert", "given", prediction=MaterialPrediction(
-            "lamps", "lambert", {"lambert": PredictionError(0.1, 2.0)}, by_light=power))
+            "lamps", "lambert", {"lambert": PredictionError(0.1, 2.0)}, by_light=power, noise_by_light=noise))
 
     monkeypatch.setattr(ModelPrediction, "decide", decide)
 
@@ -132,3 +138,75 @@ def test_prediction_decides_by_which_power(seed: int) -> None:
     before = made.judge.error("lambert")
     assert power_of(made) in BY_LIGHT
     assert made.judge.error("lambert").relative_rms < before.relative_rms
+
+
+def spread(power: float, seed: int) -> tuple[np.ndarray, float]:
+    """((lit texels,) base colour of the camera's views that one run of noise gives; the ratio that is stated)."""
+    sample, _ = balls.sphere(balls.principled(1.0), lamps=12, texels=300)
+    texels, rng = sample.texels, np.random.default_rng(seed)
+    noisy = replace(texels, reflected=texels.reflected * (1 + 0.02 * rng.standard_normal(texels.reflected.shape)))
+    shown = predicted(noisy, None, np.ones(len(texels.camera), bool), by_light=power)
+    return shown[(texels.quality > 0).sum(1) >= 3, 0, 0], noise_by_light(noisy, power)
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_fewer_observations_keep_more_of_the_noise(power: float) -> None:
+    """Observations that count more than others are as many as fewer that count alike."""
+    runs = {given: [spread(given, seed) for seed in range(40)] for given in (0.0, power)}
+    alike, by_light = (np.stack([shown for shown, _ in runs[given]]).std(0) for given in (0.0, power))
+    stated = runs[power][0][1]
+    assert stated > 1.05 and runs[0.0][0][1] == pytest.approx(1.0, abs=1e-9)
+    assert np.sqrt((by_light**2).mean() / (alike**2).mean()) == pytest.approx(stated, rel=0.04)
+
+
+def plain(base: np.ndarray, rough: np.ndarray, L: np.ndarray, V: np.ndarray, N: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(base / np.pi, (*np.broadcast_shapes(base.shape[:-1], L.shape[:-1]), 3))
+
+
+def ratio_of(views: list[tuple[Camera, list[Light]]], power: float) -> float:
+    """Of standard errors of weighted means over the plane, by that power of the irradiance and of alike ones."""
+    points = np.stack([*np.meshgrid(*2 * [np.linspace(-1, 1, 15)]), np.zeros((15, 15))], -1).reshape(-1, 3)
+    up = syn.plane_normal(points)
+    weight = np.stack([light_irradiance(lamp, points, up) for _, (lamp,) in views], 1) ** power
+    return float(np.sqrt(np.mean(len(views) * (weight**2).sum(1) / weight.sum(1) ** 2)))
+
+
+@pytest.mark.one_python
+def test_maps_state_what_noise_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside observations that count alike; doubt of views that are far from the others adds noise of its own."""
+    monkeypatch.setattr(albedo, "OUTLIER", 1e6)
+    views, found = lamps(), []
+    made = syn.shoot(replace(EVEN, reflect=plain), views, noise=0.03)
+    for power in (0.0, 2.0):
+        decide_on(power, monkeypatch, ratio_of(views, power))
+        maps = run(made, model="auto").maps
+        own = maps.coverage & ~maps.filled
+        found.append((maps.base_color[own].std(0).mean(), np.sqrt(np.mean(maps.base_sigma[own] ** 2))))
+    (spread_alike, stated_alike), (spread, stated) = found
+    assert spread > 1.15 * spread_alike and stated / stated_alike == pytest.approx(spread / spread_alike, rel=0.05)
+
+
+@pytest.mark.one_python
+def test_prediction_says_how_much_noise_that_adds() -> None:
+    made = syn.shoot(replace(GLOWING, base=lambda u, v: (0.6 + 0.8 * u)[..., None] * BASE), lamps(), noise=0.03)
+    prediction = run(made, model="auto").predictions["Paint"]
+    assert prediction.by_light > 0
+    assert prediction.noise_by_light == pytest.approx(ratio_of(lamps(), prediction.by_light), rel=0.06)
+
+
+def most_textures(device: Device) -> int:
+    """Of a draw that adds views to base colours, whatever an object's materials have."""
+    most = []
+    with device.scope():
+        whole = device.texture(1, 1, data=np.ones((1, 1, 4), np.float32))
+        for level, metallic, coat, rough in product((None, whole), repeat=4):
+            solver = AlbedoSolver(device, None, None, Gloss(whole, level, metallic, coat, rough, by_light=whole))
+            program = device.programs.get("include/screen.vert", "maps/albedo_pixel.frag",
+                                          {**solver.defines, "VIEWS": str(solver.at_once)})
+            uniforms = [program[name] for name in program if isinstance(program[name], moderngl.Uniform)]
+            most.append(sum(of.array_length for of in uniforms if of.gl_type == SAMPLER_2D))
+    return max(most)
+
+
+def test_no_draw_has_more_textures_than_opengl_promises(on_gl: Callable[..., int]) -> None:
+    assert on_gl(most_textures) == 16  # a metal, a rough diffuse, a coat, and other levels

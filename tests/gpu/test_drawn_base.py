@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import JointPrior, Solution
+from irpso_addon.core.data import ONE_BASE, JointPrior, Solution
 from irpso_addon.core.evaluation import folds
 from irpso_addon.core.evaluation.sampled_texels import common_base, predicted, under_strengths
 from irpso_addon.core.shading import brdf
@@ -59,8 +59,8 @@ def off(solution: Solution, truth: syn.Truth) -> np.ndarray:
 def test_base_colour_is_drawn_where_bumps_are_all_that_differs(monkeypatch) -> None:
     found = solved(CLOTH)
     prediction, prior = found.predictions["Paint"], found.priors["Paint"]
-    plain, _, strength = prediction.taken.partition(", base color prior ")
-    assert prior.base_strength == float(strength) and prior.one_value
+    plain, drawn, _ = prediction.taken.partition(", base color prior ")
+    assert drawn and prior.base_strength in prediction_trials.BASE_STRENGTHS and prior.one_value
     assert prediction.error.relative_rms < 0.95 * prediction.tried[plain].relative_rms
     monkeypatch.setattr(prediction_trials, "BASE_STRENGTHS", ())
     before = solved(CLOTH)
@@ -107,6 +107,20 @@ def test_standard_errors_know_what_drawing_takes_from_a_texture(strength: float,
         np.sqrt(((drawn - truth)[few] ** 2).mean()), rel=0.08, abs=8e-4)
 
 
+@pytest.mark.parametrize("texture", [0.0, 0.02, 0.1])
+def test_one_base_colour_is_that_of_all_texels(texture: float) -> None:
+    """It is off by what true ones scatter about it."""
+    rng, noise = np.random.default_rng(2), np.float32(0.04)
+    own = 0.5 + texture * rng.standard_normal((80, 80, 3)) + noise * rng.standard_normal((80, 80, 3))
+    base = np.concatenate([own, np.ones((80, 80, 1))], -1).astype(np.float32)
+    slots, many = np.zeros((80, 80), np.int32), np.full((80, 80), 100, np.float32)
+    prior = {"Cloth": JointPrior(0.3, 1e5, base=(0.5, 0.5, 0.5), base_strength=ONE_BASE)}
+    np.testing.assert_allclose(draw_bases(base, many, slots, ["Cloth"], prior)[..., :3], 0.5, atol=1e-4)
+    stated = drawn_sigmas(np.full((80, 80), noise), base, many, slots, ["Cloth"], prior)
+    chance = 3 * float(noise) ** 2 * (2 / own.size) ** 0.5  # of a variance that is known from so many numbers
+    assert (stated**2).mean() == pytest.approx(texture**2, rel=0.1, abs=chance)
+
+
 def test_what_no_prior_draws_keeps_its_standard_error() -> None:
     sigma, base = np.full((4, 4), 0.03, np.float32), np.full((4, 4, 4), 0.5, np.float32)
     slots = np.repeat(np.arange(4, dtype=np.int32)[:, None] - 1, 4, 1)
@@ -117,10 +131,11 @@ def test_what_no_prior_draws_keeps_its_standard_error() -> None:
 
 
 @pytest.mark.parametrize(("worse", "taken"), [
-    ((1.0, 1.004, 1.008, 1.011), 128.0),  # the strongest predicts about as well
-    ((1.0, 1.004, 1.008, 1.02), 32.0),
-    ((1.004, 1.0, 1.02, 1.03), 8.0),
-    ((1.0, 1.02, 1.04, 1.06), 2.0),  # texture is lost
+    ((1.0, 1.004, 1.008, 1.01, 1.011), ONE_BASE),  # the strongest predicts about as well
+    ((1.0, 1.004, 1.008, 1.011, 1.02), 128.0),
+    ((1.0, 1.004, 1.008, 1.02, 1.03), 32.0),
+    ((1.004, 1.0, 1.02, 1.03, 1.03), 8.0),
+    ((1.0, 1.02, 1.04, 1.06, 1.08), 2.0),  # texture is lost
 ])
 def test_the_strongest_prior_that_predicts_about_as_well_is_taken(worse: tuple[float, ...], taken: float) -> None:
     """``worse``: both errors of each strength, relative to the best."""

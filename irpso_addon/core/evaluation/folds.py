@@ -95,6 +95,10 @@ class Judge:
         value = np.zeros_like(self.radiance)
         for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
             value[:, left_out] = prediction[:, left_out]
+        self.add_apart(name, value)
+
+    def add_apart(self, name: str, value: F64) -> None:
+        """``value``: (T, V, C) radiance / irradiance that is predicted of each layer in the fold that leaves it out."""
         if not self.candidates:
             self.plain = value * self.texels.irradiance
         self.candidates[name] = self._errors(value, np.ones(len(self.texels.camera), bool))
@@ -111,6 +115,11 @@ class Judge:
 
     def _errors(self, value: F64, layers: Bool) -> Candidate:
         """Of ``value``, (T, V, C) radiance / irradiance, in some layers, (V,)."""
+        off, light = self.off(value, layers)
+        return Candidate((off**2).sum((1, 2)), (light**2).sum((1, 2)))
+
+    def off(self, value: F64, layers: Bool) -> tuple[F64, F64]:
+        """(T, V, C) each: errors of radiance and of L*, of which a candidate holds the sums of squares."""
         value, judged = value * self.texels.irradiance, (self.judged & layers)[..., None]
         off = np.where(judged, value - self.radiance, 0.0)
         off += np.where((self.dark & layers)[..., None], np.maximum(value - self.plain, 0.0), 0.0)
@@ -119,7 +128,8 @@ class Judge:
             shown, least = value[bounded], self.radiance[bounded]
             off[bounded] = np.minimum(shown - least, 0.0)
             light[bounded] = np.minimum(lightness(shown / self.white) - lightness(least / self.white), 0.0)
-        return Candidate((self.weight[..., None] * off**2).sum((1, 2)), (self.weight * (light**2).mean(2)).sum(1))
+        root = np.sqrt(self.weight)[..., None]
+        return root * off, root / np.sqrt(light.shape[2]) * light
 
     def error(self, name: str) -> PredictionError:
         """Of a candidate, over all that was left out; `limited`: of the surface, not of one place.

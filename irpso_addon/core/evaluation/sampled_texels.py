@@ -202,14 +202,36 @@ def under_strengths(
     Each camera's pixels cover the texture differently, so that a camera's own views say its base colour, and those of
     others where it has none.
     """
-    unit = np.maximum(texels.reflected, texels.typical())
-    weight = np.where((texels.usable() & known)[..., None], texels.quality[..., None] / unit**2, 0.0)
-    if by_light:
-        weight *= texels.irradiance**by_light
-    start = np.full_like(texels.reflected[:, 0], 0.5)
-    first = parts(texels, lobes, start)
-    passes = PASSES if lobes is not None and (np.any(lobes.metallic > 0) or lobes.diffuse > 0) else 1
+    weight, (first, passes) = _base_weight(texels, by_light), _first_pass(texels, lobes)
+    weight = np.where(known[:, None], weight, 0.0)
     return [_predicted(texels, lobes, known, weight, first, passes, strength, brightest) for strength in drawn]
+
+
+def predicted_apart(
+    texels: SampledTexels, lobes: Lobes | None, left_out: Sequence[Bool], drawn: float = 0.0, by_light: float = 0.0,
+) -> F64:
+    """(T, V, C) as of `predicted`, of each layer by those that are not left out with it; 0 of one that never is."""
+    weight, (first, passes) = _base_weight(texels, by_light), _first_pass(texels, lobes)
+    result = np.zeros_like(texels.reflected)
+    for out in left_out:
+        known = ~out
+        found = _predicted(
+            texels, lobes, known, np.where(known[:, None], weight, 0.0), first, passes, drawn, brightest=1.0)
+        result[:, out] = found[:, out]
+    return result
+
+
+def _base_weight(texels: SampledTexels, by_light: float) -> F64:
+    """(T, V, C) of squared residuals in a texel's base colour."""
+    unit = np.maximum(texels.reflected, texels.typical())
+    weight = np.where(texels.usable()[..., None], texels.quality[..., None] / unit**2, 0.0)
+    return np.asarray(weight * texels.irradiance**by_light if by_light else weight)
+
+
+def _first_pass(texels: SampledTexels, lobes: Lobes | None) -> tuple[tuple[F64, F64], int]:
+    """(as of `parts` before base colour is known, how many passes find it)."""
+    again = lobes is not None and (np.any(lobes.metallic > 0) or lobes.diffuse > 0)
+    return parts(texels, lobes, np.full_like(texels.reflected[:, 0], 0.5)), PASSES if again else 1
 
 
 def _predicted(
@@ -262,6 +284,22 @@ def _common(texels: SampledTexels, known: Bool, white: F64, rest: F64) -> F64:
         same = texels.channel == channel
         result[same] = np.clip(off[same].sum(0) / np.maximum(information[same].sum(0), LEAST), 0, 1)
     return result
+
+
+def noise_by_light(texels: SampledTexels, by_light: float) -> float:
+    """How much more of the noise base colours have whose observations count by that power of their irradiance.
+
+    Ratio of standard errors, in the mean of the texels; a camera's views count so among themselves alone, as in a map.
+    """
+    quality = np.where(texels.usable(), texels.quality, 0.0)
+    power = mean(texels.irradiance) ** by_light
+    total = noise = np.zeros(len(quality))
+    for own in (texels.camera == camera for camera in np.unique(texels.camera)):
+        count = quality[:, own].sum(1)
+        first, second = (summed(quality[:, own] * power[:, own] ** n) for n in (1, 2))
+        total, noise = total + count, noise + (count / np.maximum(first, LEAST)) ** 2 * second
+    seen = total > 0
+    return float(np.sqrt(np.mean(noise[seen] / total[seen]))) if seen.any() else 1.0
 
 
 def drawn_to(own: F64, count: F64, common: F64, strength: float) -> F64:

@@ -85,7 +85,7 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
     if prediction is not None:
         found["prediction"] = {
             "left_out": prediction.left_out, "taken": prediction.taken, "fits": prediction.fits,
-            **asdict(prediction.error), "by_light": prediction.by_light,
+            **asdict(prediction.error), "by_light": prediction.by_light, "noise_by_light": prediction.noise_by_light,
             "tried": {name: asdict(error) for name, error in prediction.tried.items()},
             "prior": asdict(solution.priors[slot]) if slot in solution.priors else None}
     return found

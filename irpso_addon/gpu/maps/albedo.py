@@ -53,9 +53,10 @@ class Gloss:
     lobes: moderngl.Texture  # roughness1, roughness2, weight of lobe 1
     level: moderngl.Texture | None = None  # Specular IOR Level; None: 0.5
     metallic: moderngl.Texture | None = None  # None: 0
-    coat: moderngl.Texture | None = None  # weight, roughness; None: no coat
+    coat: moderngl.Texture | None = None  # weight, roughness, and as ``by_light``; None: no coat
     rough: moderngl.Texture | None = None  # Diffuse Roughness; None: 0
-    by_light: moderngl.Texture | None = None  # power of the irradiance by which views count; None: 0
+    # Power of the irradiance by which views count, in the third channel; None: 0
+    by_light: moderngl.Texture | None = None
     beckmann: bool = False
 
 
@@ -72,8 +73,10 @@ class AlbedoSolver:
                       **({"u_coat": gloss.coat} if gloss.coat else {}),
                       **({"u_rough": gloss.rough} if gloss.rough else {})}
         self.metal, self.rough = gloss.metallic is not None, gloss.rough is not None
-        # Beside all three, it would be the seventeenth texture of a draw; OpenGL promises sixteen.
-        self.by_light = None if self.metal and self.rough and gloss.coat else gloss.by_light
+        # With a texture of its own beside a metal, a rough diffuse, and a coat, a draw would have seventeen.  OpenGL
+        # promises sixteen, so that the coat's has it, too.
+        self.by_light = gloss.by_light
+        self.by_light_inputs = {} if gloss.coat or not gloss.by_light else {"u_by_light": gloss.by_light}
         self.at_once = 1 if self.metal and self.rough else min(
             METALS_AT_ONCE if self.metal else VIEWS_AT_ONCE, COATED_AT_ONCE if gloss.coat else VIEWS_AT_ONCE,
             ROUGH_AT_ONCE if self.rough else VIEWS_AT_ONCE)
@@ -182,7 +185,7 @@ class AlbedoSolver:
             "u_colour": tuple(view.colour for view in views), "u_specular": tuple(parts[0] for parts in specular),
             **({"u_metal": tuple(parts[1] for parts in specular)} if self.metal else {}),
             **({"u_more": tuple(parts[-1] for parts in specular)} if self.rough else {}),
-            **({"u_light": tuple(light), "u_by_light": self.by_light} if self.by_light else {}),
+            **({"u_light": tuple(light), **self.by_light_inputs} if self.by_light else {}),
         }, {**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
             "u_tint": tints if len(tints) > 1 else tints[0]}, {**self.defines, "VIEWS": str(len(views))})
 

@@ -131,6 +131,7 @@ def make_maps(
     excess = unexplained(left, own.observations, np.where(good | part.known, parts, -1))
     torn = (left > CONTRADICTORY) & (excess > EXCESS)
     pairs = device.read(lobes)[..., :3].copy()
+    believed = _believed(scene, texels, joined, lambert, parts).without(torn)
     try:
         yield Progress(1.0, "maps", "standard errors")
     except Cancelled:  # the maps are of no use without
@@ -145,9 +146,9 @@ def make_maps(
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
         metallic=device.read(metallic)[..., 0].copy() if metallic is not None and joined.painted else None,
-        **_certainty(_believed(scene, texels, joined, lambert, parts).without(torn), own.observations, lambert, good,
+        **_certainty(believed, own.observations, lambert, good,
                      max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess, painted,
-                     drawn_sigmas(joined.texels.base_sigma * np.sqrt(excess), base, *drawing),
+                     drawn_sigmas(believed.texels.base_sigma * np.sqrt(excess), base, *drawing),
                      any(view.environment is not None for view in scene.views)),
     )
     maps = part.join_maps(maps, part.share(good))
@@ -178,7 +179,7 @@ def _believed(
     scene: SceneData, texels: SolvedTexelGrid, joined: LadderResult, lambert: Bool, parts: I32,
 ) -> _Believed:
     """``joined``: what was solved, among what a partial solve leaves as it was.  ``parts``: as of `_parts`."""
-    ladder, found = texels.ladder, joined.texels
+    ladder, found = texels.ladder, replace(joined.texels, base_sigma=_base_sigma(scene, texels, joined))
     two = _of(scene, texels, [name for name, model in ladder.model.items() if model == "two-lobe"])
     unfit = _of(scene, texels, [name for name, found in ladder.predictions.items() if not found.fits])
     if ladder.plain is not None:
@@ -219,6 +220,14 @@ def _certainty(
     return {"confidence": np.where(good & ~believed.unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
             "base_sigma": np.where(good, np.sqrt(base_own**2 + paints), 0.0).astype(np.float32)}
+
+
+def _base_sigma(scene: SceneData, texels: SolvedTexelGrid, joined: LadderResult) -> F32:
+    """(h, w) standard errors of base colour, by the observations of each texel."""
+    result = joined.texels.base_sigma.copy()
+    for name, found in joined.predictions.items():
+        result[_of(scene, texels, [name])] *= np.float32(found.noise_by_light)
+    return result
 
 
 def unexplained(relative: F32, observations: F32, slots: I32) -> F32:
@@ -287,13 +296,18 @@ def _filled_metallic(
 def _filled_coat(
     device: Device, scene: SceneData, texels: SolvedTexelGrid, ladder: LadderResult,
 ) -> moderngl.Texture | None:
-    """(weight, roughness), where some material has a coat: as Metallic.  Without one it weighs nothing."""
+    """(weight, roughness, as of `Gloss.by_light`), where some material has a coat: as Metallic.
+
+    Without one it weighs nothing.
+    """
     if not ladder.coats:
         return None
     values = np.zeros((*texels.slots.shape, 4), np.float32)
     values[..., 1] = next(iter(ladder.coats.values())).roughness
     for name, coat in ladder.coats.items():
         values[_of(scene, texels, [name]), :2] = coat.weight, coat.roughness
+    for name, found in ladder.predictions.items():
+        values[_of(scene, texels, [name]), 2] = found.by_light
     values[..., 3] = texels.slots >= 0
     return filled(device, values)
 

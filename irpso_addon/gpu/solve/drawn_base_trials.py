@@ -10,7 +10,17 @@ from ...core.evaluation.folds import ALIKE
 from ...core.evaluation.joint_material import Joint
 from ...core.evaluation.sampled_texels import one_lobe
 from ...core.job import Progress
-from .prediction_trials import CONSTANT, CONSTANT_METAL, FITTED, OWN_DRAWN, Fitted, Trial, by_size, with_drawn_base
+from .prediction_trials import (
+    CONSTANT,
+    CONSTANT_METAL,
+    FITTED,
+    OWN_DRAWN,
+    Fitted,
+    Trial,
+    by_size,
+    drawn_name,
+    with_drawn_base,
+)
 from .trial_runs import PREDICTING, TrialRuns
 
 CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
@@ -69,7 +79,7 @@ class DrawnBaseTrials(TrialRuns):
 
         Noise, too, makes base colours differ: to draw them says nothing of roughness then.
         """
-        name = f"{taken}, base color prior {found.base_strength:g}"
+        name = drawn_name(taken, found.base_strength)
 
         def own(known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
             yield from self._own_lobe(taken, known, name, found.base_strength)

@@ -14,13 +14,14 @@ from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from ...core.evaluation.folds import ALIKE, Folds, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.pixel_bias import pixel_bias
-from ...core.evaluation.sampled_texels import SampledTexels, common_base
+from ...core.evaluation.sampled_texels import SampledTexels, common_base, noise_by_light
+from ...core.evaluation.value_descent import lobes_of
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import PriorKnowledge
 from ..device.context import Device
 from ..observe.observation_atlas import Source
-from .drawn_base_trials import CLEAR, HOPEFUL, PLAIN_METALLIC, DrawnBaseTrials
+from .drawn_base_trials import CLEAR, HOPEFUL, PLAIN_METALLIC
 from .map_around import MapAround
 from .material_sample import MaterialSample, packed, read_sample, squares_of
 from .prediction_trials import (
@@ -47,6 +48,7 @@ from .prediction_trials import (
     Trial,
     by_size,
 )
+from .settled_trials import SettledTrials
 from .tile_passes import ROBUST_METAL
 from .trial_runs import PREDICTING
 
@@ -130,7 +132,7 @@ class ModelPrediction:
             return search.settled(search.fit(known), known).apart_metal
 
 
-class _Contest(DrawnBaseTrials):
+class _Contest(SettledTrials):
     """Which of one material's trials is to be taken."""
 
     def __init__(
@@ -199,13 +201,15 @@ class _Contest(DrawnBaseTrials):
             taken = yield from self._with_drawn_base(taken)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
-        by_light, left = 0.0, self.judge.error(taken)
+        by_light, left, same = 0.0, self.judge.error(taken), taken == before
         if self.observed.nodes is None and (  # what shines from all around is alike
                 left.relative_rms >= WORTH_RMS or left.lightness >= NOTICEABLE):
             by_light = yield from self._by_light(taken)
+            taken = yield from self._with_settled_values(taken, by_light)
         errors |= {name: self.judge.error(name) for name in self.predictions}
-        return self._decision(
-            MaterialPrediction(self.folds.of, taken, errors, leads and taken == before, by_light=by_light))
+        return (yield from self._decision(
+            MaterialPrediction(self.folds.of, taken, errors, leads and same, by_light=by_light,
+                               noise_by_light=noise_by_light(self.observed, by_light))))
 
     def _verdict(self, incumbent: str, margin: float, few: bool) -> tuple[bool, str]:
         """(whether the fit's own model leads, what is to be taken)."""
@@ -364,7 +368,7 @@ class _Contest(DrawnBaseTrials):
             yield from self._own_lobe(FITTED[self.fitted.model], ~left_out)
         self.solver.before = PriorKnowledge()
 
-    def _decision(self, prediction: MaterialPrediction) -> Decision:
+    def _decision(self, prediction: MaterialPrediction) -> Generator[Progress, None, Decision]:
         taken, errors, best = prediction.taken, prediction.tried, prediction.error
         weights = f", base colors by irradiance^{prediction.by_light:g}" if prediction.by_light else ""
         why = (f"left-out {self.folds.of} are predicted to {best.relative_rms:.3g} of their radiance, L* "
@@ -392,9 +396,12 @@ class _Contest(DrawnBaseTrials):
         if trial.strength == ONE_VALUE and not trial.coat:
             sigma = float(np.hypot(sigma, pixel_bias(self.observed, lambda texels: trial.material(
                 self._joint(texels, known, trial)).roughness)))
-        prior = trial.prior(joint, sigma)
+        if trial.settled:  # what two ways find is off by as much as they differ
+            found, one = one, (yield from self._settled_values(trial, one, prediction.by_light))
+            sigma = float(np.hypot(sigma, one.roughness - found.roughness))
+        prior = trial.prior(one, sigma)
         if prior is not None and trial.base_strength:
-            prior = replace(prior, base=common_base(self.observed, self._alike(trial, joint)),
+            prior = replace(prior, base=common_base(self.observed, lobes_of(one, len(self.places))),
                             base_strength=trial.base_strength)
         level = None if trial.model == "one-lobe" or trial in DRAWN_LEVELS else one.level
         prediction = replace(

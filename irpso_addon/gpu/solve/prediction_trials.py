@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from ...core.data import ONE_VALUE, JointPrior
+from ...core.data import ONE_BASE, ONE_VALUE, JointPrior
 from ...core.evaluation.coat_search import APART, METAL, PLAIN
 from ...core.evaluation.joint_material import Joint, OneMaterial
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
 WEAK_STRENGTHS = (0.3, 0.1)  # that keep a few texels from flashing and hardly move the others
-BASE_STRENGTHS = (2.0, 8.0, 32.0, 128.0)  # of the material's base colour: observations of a texel for which it counts
+# Of the material's base colour: observations of a texel for which it counts; by the last, all texels have that colour.
+BASE_STRENGTHS = (2.0, 8.0, 32.0, 128.0, ONE_BASE)
 LEVEL_STRENGTHS = ((200.0, 1.0), (200.0, 0.2), (10.0, 0.2))  # where levels differ too: of roughness, and of level
 
 
@@ -36,12 +37,12 @@ class Trial:
     rough: bool = False  # whether its diffuse is rough
     level_strength: float = 0.0  # of the prior about the joint level; 0: all texels have that level
     base_strength: float = 0.0  # of the prior about the material's base colour; 0: there is none
+    settled: bool = False  # whether its values are settled by what they predict
 
-    def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior | None:
-        """That its texels are drawn with."""
+    def prior(self, one: OneMaterial, sigma: float = 0.0) -> JointPrior | None:
+        """That its texels are drawn with, of what is found of the material."""
         if self.strength == 0:
             return None
-        one = self.material(joint)
         prior = JointPrior(one.roughness, self.strength, sigma, one.others)
         return replace(prior, level=one.level, level_strength=self.level_strength) if self.level_strength else prior
 
@@ -104,12 +105,24 @@ CONSTANT_METAL = Trial("one material and metallic", "one-lobe-metallic", ONE_VAL
 
 def with_drawn_base(trial: Trial) -> list[Trial]:
     """The same with base colours that are drawn to the material's, under several priors."""
-    return [replace(trial, name=f"{trial.name}, base color prior {strength:g}", base_strength=strength)
+    return [replace(trial, name=drawn_name(trial.name, strength), base_strength=strength)
             for strength in BASE_STRENGTHS]
 
 
+def drawn_name(name: str, strength: float) -> str:
+    """Of a trial whose base colours are drawn to the material's."""
+    return f"{name}, one base color" if strength >= ONE_BASE else f"{name}, base color prior {strength:g}"
+
+
+def settled(trial: Trial) -> Trial:
+    """The same with values that are settled by what they predict; its level is free."""
+    model = "one-lobe-specular" if trial.model == "one-lobe" else trial.model
+    return replace(trial, name=f"{trial.name}, settled by prediction", model=model, settled=True)
+
+
 _METALS = CONSTANT_METAL, UNIFORM_METAL, *DRAWN_METAL, UNIFORM_COAT_METAL, *DRAWN_COAT_METAL
-METALS = frozenset(metal.name for trial in _METALS for metal in (trial, *with_drawn_base(trial)))
+METALS = frozenset(of.name for trial in _METALS for metal in (trial, *with_drawn_base(trial))
+                   for of in (metal, settled(metal)))
 
 
 def by_size(trials: list[Trial]) -> list[list[str]]:

@@ -11,6 +11,7 @@ from ...core.data import F32, F64, I32, Bool
 from ...core.evaluation.folds import Folds, Judge
 from ...core.evaluation.joint_material import Joint, JointSearch
 from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted, under_strengths
+from ...core.evaluation.value_descent import lobes_of
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ..device.context import Device
@@ -96,16 +97,11 @@ class TrialRuns:
         yield PREDICTING
         for _, group in groupby(trials, lambda trial: trial.material):
             alike = list(group)  # but for their base colours
-            lobes, strengths = self._alike(alike[0], joint), [trial.base_strength for trial in alike]
+            lobes = lobes_of(alike[0].material(joint), len(self.places))
+            strengths = [trial.base_strength for trial in alike]
             found = under_strengths(self.observed, lobes, known, strengths)
             for trial, value in zip(alike, found, strict=True):
                 self._keep(trial.name, lobes, value)
-
-    def _alike(self, trial: Trial, joint: Joint) -> Lobes:
-        """Of all texels, under one value for the material."""
-        one = trial.material(joint)
-        values = np.full(len(self.places), one.roughness)
-        return one_lobe(values, one.level, one.metallic, one.coat, one.diffuse)
 
     def _drawn(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """A value a texel, drawn to the material's, under several priors at one level and Metallic."""
@@ -114,7 +110,7 @@ class TrialRuns:
         self.solver.use_metallic(one.metallic)
         self.solver.use_coat(one.coat)
         self.solver.use_diffuse_roughness(one.diffuse)
-        maps = yield from self.solver.under_priors([trial.prior(joint) for trial in trials])
+        maps = yield from self.solver.under_priors([trial.prior(one) for trial in trials])
         self.solver.use_metallic(0.0)
         self.solver.use_coat(None)
         self.solver.use_diffuse_roughness(0.0)
@@ -124,7 +120,7 @@ class TrialRuns:
 
     def _drawn_levels(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """The same with a level a texel, which is drawn too."""
-        priors = {trial.name: prior for trial in trials if (prior := trial.prior(joint)) is not None}
+        priors = {trial.name: prior for trial in trials if (prior := trial.prior(trial.material(joint))) is not None}
         levels = yield from self.solver.levels_under(list(priors.values()))
         for (name, prior), (level, _) in zip(priors.items(), levels, strict=True):
             self.solver.use_level(level)
