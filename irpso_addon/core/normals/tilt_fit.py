@@ -30,6 +30,7 @@ STEEPEST = 1.2  # tangent of the steepest tilt
 TYPICAL = 0.3  # of the median radiance: errors below count as much as there
 LEAST_SCATTER = 1e-3
 ALIKE = 4  # observations for which counts, in a texel's scatter, that of all
+SILENT = 6.0  # of that of all: a texel that scatters more says nothing of its tilt, because its light is another
 NUMBERS = 3  # that are found in each texel, its roughness aside, which few observations say anything of
 
 
@@ -96,7 +97,7 @@ def fit_tilts(
     fit = _Fit(sample, lobes, np.ones(len(sample.rig.view), bool) if known is None else known, beside, deviation)
     tilt = np.zeros((len(sample.first), 2)) if start is None else start
     for n in range(rounds):
-        found = fit.round(tilt, scatter)
+        found = fit.round(tilt, scatter, n + 1 == rounds)
         if n + 1 < rounds and deviation:
             tilt = _stepped(tilt, found.under(deviation)[0])
     return found
@@ -173,8 +174,8 @@ class _Fit:
         self.root = np.where(self.good, np.sqrt(np.clip(texels.quality, 0, 1)) * facing / np.maximum(unit, LEAST), 0.0)
         self.weight = self.root**2  # robust weights come on top
 
-    def round(self, tilt: F64, scatter: float | None) -> TiltsFound:
-        """The observations, linearised at a tilt.
+    def round(self, tilt: F64, scatter: float | None, last: bool) -> TiltsFound:
+        """The observations, linearised at a tilt.  ``last``: what they say is not a step on the way.
 
         What is found of the lobe is eliminated, and stepped: of a highlight that is too wide for a roughness, tilts
         would take up a part.
@@ -197,7 +198,8 @@ class _Fit:
             slope = (base * (more_white - white) + more_rest - rest) / STEP
             columns.append(slope - self._bases(white, slope) * white)
         slopes = np.stack(columns, -1)  # (T, V, 2 or 3)
-        across = (slopes * (self.weight / own**2)[..., None]).transpose(0, 2, 1)
+        told = np.where(last & (own > SILENT * spread), 0.0, self.weight / own**2)
+        across = (slopes * told[..., None]).transpose(0, 2, 1)
         normal, pull = across @ slopes, (across @ left[..., None])[..., 0]
         information, turn = (normal, pull) if self.beside is Beside.NOTHING else self._tilts_alone(normal, pull)
         return TiltsFound(information, turn + np.einsum("tij,tj->ti", information, tilt), spread, lobes)

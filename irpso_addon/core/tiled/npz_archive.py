@@ -58,7 +58,7 @@ from ..storage.atomic_io import replacing
 from ..versions import version
 from .tiled_plan import Noise, Plan, Typical
 
-FORMAT = 27  # of the files; another one is refused
+FORMAT = 28  # of the files; another one is refused
 THING = "thing.json"
 MOST = 1 << 28  # bytes of a packed record
 # The records that a file may hold.  Their names and their fields' names are the file's format: raise FORMAT with them.
