@@ -236,8 +236,8 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     calibrates = allowed and "auto" in (settings.lamps, settings.exposures)
     refines = given.calibrates and not glows and settings.normals == "auto"
     shadows = AmbientShadows(device, grid.mesh, scene.casters)
-    observed = partial(observe, device, mesh=grid.mesh, read_image=given.read_image,
-                       limits=ObserveOptions(given.bounced, part, level=given.level, ambient=shadows))
+    limits = ObserveOptions(given.bounced, part, level=given.level, ambient=shadows)
+    observed = partial(observe, device, mesh=grid.mesh, read_image=given.read_image, limits=limits)
     observations: Observations = yield from clock.stage("observe", observed(scene=scene))
     if not observations.cameras:
         raise BadInput("; ".join(grouped([f"{name}: {why}" for name, why in observations.skipped])))
@@ -267,8 +267,9 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         if calibration is not None:
             scene = under_worlds(scene, calibration.worlds)
     if calibration is not None:
-        observations.release()
-        observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
+        observations.release_views()
+        observations = yield from clock.stage("observe", observed(
+            scene=scene, limits=replace(limits, drawn=observations.cameras)), (0.33, 0.35))
     if refines:
         normals = yield from clock.stage("normals", _refined(source(observations), given, texels, grid))
     if isinstance(normals, NormalsJudged):

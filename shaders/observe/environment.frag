@@ -1,8 +1,8 @@
 // Light from all around, or from meshes that glow, on every pixel, of one batch of directions: irradiance, and what the specular lobe returns at
 // nodes of roughness (twin: node_values in irpso_addon/core/shading/environment.py).  Batches add up.
 //
-// Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw), EACH_NODE (one of NODES_1 to NODES_6, by their count),
-// NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too, EMITTERS for patches of meshes.
+// Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw; 0 where irradiance alone is wanted), EACH_NODE (one of NODES_0 to
+// NODES_6, by their count), NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too, EMITTERS for patches of meshes.
 #include "include/brdf.glsl"
 #include "include/pixel.glsl"
 #include "observe/environment.glsl"
@@ -12,6 +12,7 @@ const float alpha2_of[] = float[](NODE_ALPHA2);
 
 // Unrolled, and each node's sums and root are variables of their own: compilers leave a loop around a loop, and what is
 // written to an array there, even at a constant place, a software renderer writes pixel by pixel (decision 0018).
+#define NODES_0
 #define NODES_1 NODE(0, sum_0, root_0)
 #define NODES_2 NODES_1 NODE(1, sum_1, root_1)
 #define NODES_3 NODES_2 NODE(2, sum_2, root_2)
@@ -21,7 +22,9 @@ const float alpha2_of[] = float[](NODE_ALPHA2);
 
 #ifdef IRRADIANCE
 layout(location = 0) out vec4 o_irradiance;  // RGB, W/m^2; of their mean what soft shadows leave in doubt
+#if NODE_COUNT > 0
 layout(location = 1) out vec4 o_node[NODE_COUNT];  // RGB, W/(m^2 sr), at IOR 1.5; mean of the channels without Fresnel
+#endif
 #else
 layout(location = 0) out vec4 o_node[NODE_COUNT];
 #endif

@@ -14,7 +14,7 @@ from irpso_addon.core.samples import selftest
 from irpso_addon.gpu.device.context import Inputs
 from irpso_addon.gpu.device.occupied_cells import CELL, OccupiedCells
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
-from irpso_addon.gpu.observe.observations import observe
+from irpso_addon.gpu.observe.observations import ObserveOptions, observe
 from tests.support import synthetic as syn
 from tests.support.texels import finish
 
@@ -65,6 +65,32 @@ def test_one_lamp_is_two_halves(on_gl, test):
         for half in lobes_2:
             np.testing.assert_allclose(half[..., :3], lobe[..., :3], rtol=2e-5, atol=1e-6)
         np.testing.assert_allclose(lobes_2[0][..., 3] + lobes_2[1][..., 3], lobe[..., 3], rtol=2e-5, atol=1e-6)
+
+
+def test_cameras_that_are_taken_over_show_the_same(on_gl, test):
+    """Under other lamps, an earlier observation's cameras, its views freed, do for those drawn anew."""
+    brighter = replace(test.scene, views=tuple(
+        replace(view, ambient_radiance=(0.1, 0.2, 0.3),
+                lights=(replace(view.lights[0], power=2 * view.lights[0].power),)) for view in test.scene.views))
+
+    def read(view: View) -> RadianceImage:
+        return test.read_image(view_of(test, view))
+
+    def work(device):
+        mesh = MeshBuffer(device, test.scene.mesh)
+        first = finish(observe(device, test.scene, mesh, read))
+        first.release_views()
+        found = finish(observe(device, brighter, mesh, read, ObserveOptions(drawn=first.cameras)))
+        assert found.cameras[0].maps is first.cameras[0].maps
+        assert len(found.cameras[0].views) == len(test.scene.views)
+        result = [(device.read(view.colour), device.read(view.lobes[0])) for view in found.cameras[0].views]
+        found.release()
+        mesh.release()
+        return result
+
+    for taken, (colour, (lobe,)) in zip(on_gl(work), observed(on_gl, brighter, read), strict=True):
+        assert colour[..., 3].max() > 0
+        np.testing.assert_array_equal(taken, (colour, lobe))
 
 
 def test_coloured_lamps_share_each_channel(on_gl, test):

@@ -92,11 +92,11 @@ class LitByEnvironment:
         """The irradiance of a camera's pixels alone; the last item, after None between draws."""
         device, size = self.device, camera.maps.position.size
         with device.scope() as owned:
-            sums = [device.texture(*size) for _ in range(2)]
-            for _ in self._sum(camera, sums, model.NODES - 1):  # the roughest node: the cheapest
+            made = device.texture(*size)
+            for _ in self._sum(camera, [made], model.NODES - 1):  # directions are divided as for the roughest node
                 yield None
-            owned.hand_over(sums[0])
-        yield sums[0]
+            owned.hand_over(made)
+        yield made
 
     def _sum(self, camera: Pixels, sums: Sequence[moderngl.Texture], first: int) -> Iterator[None]:
         """Of all batches: irradiance, and nodes from ``first`` on, a few at once."""

@@ -6,8 +6,8 @@ that shows it.  Interpolating colours at the texel's own geometry instead double
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 
@@ -109,7 +109,15 @@ class Observations:
 
     def release(self) -> None:
         """Free them, where no scope does."""
-        for made in self.objects:
+        self._release(*self.objects)
+
+    def release_views(self) -> None:
+        """Free all but what the cameras see of the mesh, which another observation may take over."""
+        self._release(self.principled_table, *(made for camera in self.cameras for view in camera.views
+                                               for made in view.objects))
+
+    def _release(self, *objects: moderngl.Texture | moderngl.Buffer | None) -> None:
+        for made in objects:
             if made is not None:
                 made.release()
 
@@ -136,6 +144,7 @@ class ObserveOptions:
     level: float | None = None
     directions: int = environment_model.COUNT  # that stand for an environment
     ambient: AmbientShadows | None = None  # as far as they are drawn
+    drawn: Sequence[ObservedCamera] = ()  # by an earlier observation of the same mesh; they are taken over
 
 
 WHOLE = ObserveOptions()
@@ -238,17 +247,26 @@ class _Observer:
         key = camera.name, width, height
         if key not in self._numbers:
             self._numbers[key] = len(self.cameras)
-            footprint = self.scene.pixel_filter
-            maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, (width, height), footprint)
-            mark_seams(self.device, self.mesh, self.occluders, camera, maps, footprint)
-            maps = self.limits.mask.pixels(self.device, maps) if self.limits.mask else maps
-            projection = projection_of(camera, [self.mesh.bundles, self.occluders.bundles])
-            self.covered.append(self.device.read(maps.position)[..., 3] > 0.5)
-            self.cameras.append(ObservedCamera(
-                camera, maps, projection, camera_uniforms(camera, height, footprint),
-                _window(self.covered[-1])))
+            drawn = next((other for other in self.limits.drawn if other.camera is camera
+                          and other.maps.position.size == (width, height)), None)
+            drawn = self._drawn(camera, width, height) if drawn is None else replace(drawn, views=[])
+            self.covered.append(self._covered(drawn.maps))
+            self.cameras.append(drawn)
             self.members.append([])
         return self._numbers[key]
+
+    def _drawn(self, camera: Camera, width: int, height: int) -> ObservedCamera:
+        """What a camera sees."""
+        footprint = self.scene.pixel_filter
+        maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, (width, height), footprint)
+        mark_seams(self.device, self.mesh, self.occluders, camera, maps, footprint)
+        maps = self.limits.mask.pixels(self.device, maps) if self.limits.mask else maps
+        projection = projection_of(camera, [self.mesh.bundles, self.occluders.bundles])
+        return ObservedCamera(camera, maps, projection, camera_uniforms(camera, height, footprint),
+                              _window(self._covered(maps)))
+
+    def _covered(self, maps: GBufferMaps) -> Bool:
+        return np.asarray(self.device.read(maps.position)[..., 3] > 0.5)
 
     def light(self) -> Generator[Progress, None, None]:
         """Which pixels each light reaches."""

@@ -53,11 +53,13 @@ class ViewDrawer:
         ``lit``: how much of each light arrives; ``indirect``: irradiance, and what highlights of it add to the picture;
         ``around``: the view's environment.
         """
-        if len(lit) == 1 and self.channels == 1 and indirect is None and around is None:
+        if len(lit) == 1 and self.channels == 1 and around is None:
             colour, lobe = self.device.texture(*image.size), self.device.texture(*image.size)
+            more = {"u_bounced": indirect[0], "u_glossy": indirect[1]} if indirect else {}
             self._draw("observe/view.frag", [colour, lobe], Inputs(
-                {"u_image": image, "u_lit": lit[0], "u_rim": self.rim}, {**self._common, **_lamp(lights[0])},
-                _lamp_defines(lights[0])))
+                {"u_image": image, "u_lit": lit[0], "u_rim": self.rim, **more},
+                {**self._common, **_lamp(lights[0])},
+                _lamp_defines(lights[0]) | ({"BOUNCED": "1"} if more else {})))
             return colour, [lobe], None
         return self._several(lights, image, lit, indirect, around)
 
@@ -69,7 +71,7 @@ class ViewDrawer:
         self, lights: Sequence[Light], image: moderngl.Texture, lit: list[moderngl.Texture],
         indirect: tuple[moderngl.Texture, moderngl.Texture] | None, around: EnvironmentLight | None,
     ) -> tuple[moderngl.Texture, list[moderngl.Texture], moderngl.Texture | None]:
-        """Of several lights, channels apart, of an environment, or with indirect light: in passes."""
+        """Of several lights, channels apart, or of an environment: in passes."""
         device, common = self.device, self._common
         colour = device.texture(*image.size)
         masks = channel_masks(self.channels)
