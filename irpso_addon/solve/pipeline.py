@@ -228,12 +228,15 @@ def _take_out_indirect(
     views better than without it.
     """
     auto, small = settings.indirect == "auto", replace(settings, size=min(settings.size, ROUND_SIZE))
+    if any(view.environment is not None for view in scene.views):  # tilts would take up the light that bounces
+        small = replace(small, normals="mesh")
     if auto:
         assert best.solution.checks is not None
         sample = yield from clock.stage("indirect_test", bounce.sample(scene, best.solution))
         if why := why_not(sample, best.solution.checks.unlit_share):
             return None, why
-        if best.solution.maps.roughness.shape[0] > small.size:  # like is compared with like
+        refined = best.solution.normals is not None and small.normals != settings.normals
+        if best.solution.maps.roughness.shape[0] > small.size or refined:  # like is compared with like
             best = yield from solve_round(best.given, small)
     bounced = yield from clock.stage("indirect", bounce(scene, best.solution))
     rough = yield from solve_round(best.given, small, bounced=bounced)
