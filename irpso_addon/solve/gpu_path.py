@@ -47,7 +47,7 @@ from ..gpu.solve.model_ladder import Ladder
 from ..gpu.solve.normal_texels import SAMPLE, SAMPLE_UNDER_WORLDS, refined_normals, seen_by
 from ..gpu.solve.openness import openness
 from ..gpu.solve.sparse_ladder import SparseLadder, looked, picked, surface_of
-from ..gpu.solve.world_light import TiltedLight, world_sample
+from ..gpu.solve.world_light import TiltedLight, too_many_to_tilt, world_sample
 from .kept_images import ReadImage
 from .outlined_scene import Observed, through_right_cameras
 
@@ -287,8 +287,8 @@ def _refined(
     known, facet, around = given.scene.scale_known, grid.maps.facet, source.layers.environment
     sample, surface = sampled(
         source, texels, given.settings.seed, known, SAMPLE_UNDER_WORLDS if around else SAMPLE, facet)
-    if too_few(sample.texels):
-        return FEW
+    if why := FEW if too_few(sample.texels) else too_many_to_tilt(given.scene.views):
+        return why
     with source.device.scope():
         light = TiltedLight(source, grid.mesh, given.scene) if around else None
         worlds = None if light is None else (

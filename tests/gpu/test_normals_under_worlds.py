@@ -12,6 +12,7 @@ from irpso_addon.core.data import Solution, View
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.environment import about_z
 from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.solve import world_light
 from irpso_addon.solve import pipeline
 from tests.support import shoots, skies
 from tests.support import synthetic as syn
@@ -44,15 +45,27 @@ def solved(made: syn.Shoot, **settings: object) -> Solution:
         size=40, model="one-lobe", lamps="given", **settings), made.read_image))
 
 
-def test_bumps_become_a_normal_map() -> None:
+@pytest.fixture(scope="module")
+def rough() -> syn.Shoot:
+    """Pictures of a bumpy plane, whose mesh has no bumps."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(syn, "plane_normal", bumpy)
-        made = shoot(views())
-    refined, given = solved(made), solved(made, normals="mesh")
+        return shoot(views())
+
+
+def test_many_turns_keep_the_normals_and_the_report_says_so(rough, monkeypatch) -> None:
+    monkeypatch.setattr(world_light, "MOST_TILTED", TURNS - 1)
+    found = solved(rough)
+    assert found.normals is None
+    assert found.normals_why == f"worlds with more than {TURNS - 1} turns light the views"
+
+
+def test_bumps_become_a_normal_map(rough) -> None:
+    refined, given = solved(rough), solved(rough, normals="mesh")
     assert refined.normals is not None and refined.normals.refined < 0.6 * refined.normals.given
     before, after = angles(refined, ROLLING, bumpy)
     assert before.mean() > 3.0 and after.mean() < 0.5 * before.mean()
-    errors = [shoots.errors(solution, made.truth).base.mean() for solution in (given, refined)]
+    errors = [shoots.errors(solution, rough.truth).base.mean() for solution in (given, refined)]
     assert errors[1] < 0.5 * errors[0]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...core.calibration.world_sample import Around, WorldSample
-from ...core.data import F32, F64, Bool, Environment, SceneData
+from ...core.data import F32, F64, Bool, Environment, SceneData, View
 from ...core.job import Progress, Steps
 from ...core.normals.tilt_sample import TiltedWorlds
 from ...core.shading import environment as model
@@ -24,6 +24,7 @@ DIRECTIONS = 128  # that stand for an environment: 256 turn worlds no better, ..
 FEWEST = 32  # ... nor fewer of each where there are many: the errors of their shadows average out
 MOST = 6  # environments with so many directions each, as far as FEWEST allows
 TILTED = 64  # directions where normals tilt: twice as many say the same tilts
+MOST_TILTED = 64  # environments there: shadow maps of each take 8 MB
 WIDTH = 32  # texels: of the grid that holds the sample
 TILT = 0.1  # radians: for slopes
 Key = tuple[str, float]
@@ -138,6 +139,12 @@ class WorldLight:
             for _ in lit.draw_shadows():
                 yield Progress(0.0, self.worlds.stage, f"light of {key[0]}")
             return (yield from self.worlds.draw(key, lit, self.texels, self.seen))
+
+
+def too_many_to_tilt(views: Sequence[View]) -> str:
+    """Why normals are not looked at under the views' worlds; "" where they are."""
+    count = len({view.environment.world for view in views if view.environment is not None})
+    return f"worlds with more than {MOST_TILTED} turns light the views" if count > MOST_TILTED else ""
 
 
 class TiltedLight:
