@@ -130,6 +130,17 @@ def test_what_no_prior_draws_keeps_its_standard_error() -> None:
     np.testing.assert_allclose(found[slots == 1], 0.015, rtol=1e-6)  # half of it: all have the material's colour
 
 
+def test_one_colour_for_all_may_be_wrong_by_what_all_may_be_wrong_by_alike() -> None:
+    """Colours that scatter less than their standard errors say have an error in common."""
+    base = np.full((4, 4, 4), 0.5, np.float32) + 0.01 * np.sign(np.arange(16) % 2 - 0.5).reshape(4, 4, 1)
+    priors = {"Cloth": JointPrior(0.3, 1e5, base=(0.5, 0.5, 0.5), base_strength=ONE_BASE)}
+    drawing = np.full((4, 4), 8, np.float32), np.zeros((4, 4), np.int32), ["Cloth"], priors
+    alike, apart = (drawn_sigmas(np.full((4, 4), own, np.float32), base.astype(np.float32), *drawing)
+                    for own in (0.03, 0.006))
+    np.testing.assert_allclose(alike, (0.03**2 - 0.01**2) ** 0.5, rtol=1e-4)
+    np.testing.assert_allclose(apart, (0.01**2 - 0.006**2) ** 0.5, rtol=1e-4)
+
+
 @pytest.mark.parametrize(("worse", "taken"), [
     ((1.0, 1.004, 1.008, 1.01, 1.011), ONE_BASE),  # the strongest predicts about as well
     ((1.0, 1.004, 1.008, 1.011, 1.02), 128.0),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...core.data import F32, I32, JointPrior
+from ...core.data import F32, I32, ONE_BASE, JointPrior
 from ...core.evaluation.sampled_texels import drawn_to
 
 
@@ -33,7 +33,8 @@ def drawn_sigmas(
     """(h, w) standard errors of the base colours that `draw_bases` makes.  ``sigma``: of texels' own, in ``base``.
 
     What is drawn keeps a part of a texel's own error, and lacks the rest of what its true colour differs from the
-    material's: by what own colours scatter beyond their errors, in the mean of the material.
+    material's: by what own colours scatter beyond their errors, in the mean of the material.  Where they scatter less than
+    their errors, all may be wrong alike by the rest; one colour for all, which keeps nothing of theirs, has that error.
     """
     result = sigma.copy()
     for slot, name in enumerate(names):
@@ -41,7 +42,8 @@ def drawn_sigmas(
         own = (slots == slot) & (observations > 0)
         if prior is not None and prior.base and own.any():
             apart = ((base[own, :3] - np.array(prior.base)) ** 2).mean()
-            texture = max(float(apart) - float((sigma[own] ** 2).mean()), 0.0)
+            beyond = float(apart) - float((sigma[own] ** 2).mean())
+            texture = abs(beyond) if prior.base_strength >= ONE_BASE else max(beyond, 0.0)
             share = observations[own] / (observations[own] + prior.base_strength)
             result[own] = np.sqrt((share * sigma[own]) ** 2 + (1 - share) ** 2 * texture)
     return result
