@@ -33,8 +33,8 @@ def drawn_sigmas(
     """(h, w) standard errors of the base colours that `draw_bases` makes.  ``sigma``: of texels' own, in ``base``.
 
     What is drawn keeps a part of a texel's own error, and lacks the rest of what its true colour differs from the
-    material's: by what own colours scatter beyond their errors, in the mean of the material.  Where they scatter less than
-    their errors, all may be wrong alike by the rest; one colour for all, which keeps nothing of theirs, has that error.
+    material's: by what own colours scatter beyond their errors, in the mean of the material.  Where they scatter less
+    than their errors, all may be wrong alike by the rest.  One colour for all has that error.
     """
     result = sigma.copy()
     for slot, name in enumerate(names):
