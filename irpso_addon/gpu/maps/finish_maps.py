@@ -12,6 +12,7 @@ from ...core.checks.solve_checks import CONTRADICTORY
 from ...core.data import F32, F64, I32, Bool, Maps, SceneData
 from ...core.errors import Cancelled
 from ...core.job import Progress
+from ...core.maps.barely_shown import within_material
 from ...core.maps.mixture import MIXED, between_paints, mixture
 from ...core.models import NUMBERS_OF_TWO
 from ...core.shading.brdf import ROUGHNESS_MIN
@@ -123,13 +124,15 @@ def make_maps(
     shown = base[..., 3] > 0.25
     own_slots = texels.slots if joined.paint is None else np.where(joined.paint, -1, texels.slots)  # paint has no prior
     drawing = joined.texels.observations, own_slots, scene.mesh.slot_names, texels.ladder.priors
-    base_texture = filled(device, part.join_base(draw_bases(base, *drawing)), around.base if around else None)
     good = own.solved & shown
     # Of a part, what the last result left elsewhere says what is typical of a material.
     left = relative if part.last is None else np.where(good, relative, part.last.error)
     parts = _parts(scene, texels, joined)
     excess = unexplained(left, own.observations, np.where(good | part.known, parts, -1))
-    torn = (left > CONTRADICTORY) & (excess > EXCESS)
+    odd, around_lit = excess > EXCESS, any(view.environment is not None for view in scene.views)
+    kept = within_material(draw_bases(base, *drawing), good & ~odd, ~good | odd if around_lit else ~good, parts)
+    base_texture = filled(device, part.join_base(kept), around.base if around else None)
+    torn = (left > CONTRADICTORY) & odd
     pairs = device.read(lobes)[..., :3].copy()
     believed = _believed(scene, texels, joined, lambert, parts).without(torn)
     try:
@@ -149,7 +152,7 @@ def make_maps(
         **_certainty(believed, own.observations, lambert, good,
                      max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess, painted,
                      drawn_sigmas(believed.texels.base_sigma * np.sqrt(excess), base, *drawing),
-                     any(view.environment is not None for view in scene.views)),
+                     around_lit),
     )
     maps = part.join_maps(maps, part.share(good))
     contradicted = float(np.mean(torn[good])) if good.any() else 0.0
