@@ -1,7 +1,8 @@
 """``python -m studies.environment``: makes docs/environment.md, how exact light from all around is, and what it tells.
 
 Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
---radiance, --solves, --turned: the tables of the forward model, of solves, or of worlds that are turned, alone.
+--radiance, --solves, --turned, --poor: the tables of the forward model, of solves, of worlds that are turned, or of
+worlds whose picture is poor, alone.
 --mitsuba PYTHON: the comparison with Mitsuba, alone.
 --photographs DIR: the table of summed photographs, alone, of a folder with scene.blend and captures.json.
 """
@@ -16,21 +17,24 @@ from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.shading import environment
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve.device_test import detect
-from studies.environment import photographs, radiance
+from studies.environment import photographs, poor, radiance
 from studies.environment.contest import compare
 from studies.environment.converge import convergence
 from studies.environment.hdris import KINDS
 from studies.environment.page import (
     draw,
     error_row,
+    poor_row,
     recovered_row,
     turned_row,
     write,
     write_photographs,
+    write_poor,
     write_solves,
     write_turned,
 )
 from studies.environment.recover import recover
+from studies.environment.recover import turned as about
 from studies.environment.shoot import RIGS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,10 +47,19 @@ def turned(pictures: Path, page: Path) -> None:
     """One HDRI that is off about Z, as given and corrected."""
     rig, rows = RIGS[0], []
     for degrees, lamps in itertools.product((0.0, *TURNS), ("given", "auto")):
-        found, solution = recover(rig, pictures / rig.name, turn=degrees, lamps=lamps)
+        found, solution = recover(rig, pictures / rig.name, lamps=lamps, change=about(degrees))
         rows.append(turned_row(degrees, lamps, found, solution))
         print(rows[-1], flush=True)
     write_turned(rows, solution.device.get("renderer", ""), page)
+
+
+def poor_pictures(pictures: Path, page: Path) -> None:
+    """One HDRI of fewer pixels, or clipped."""
+    found = []
+    for each in poor.measured(pictures):
+        found.append(each)
+        print(poor_row(each), flush=True)
+    write_poor(found, thread.run(detect).renderer, page)
 
 
 def forward(samples: int, out: Path) -> None:
@@ -70,6 +83,7 @@ def main() -> int:
     parser.add_argument("--radiance", action="store_true", help="the tables of the forward model, and no other")
     parser.add_argument("--solves", action="store_true", help="the table of solves, and no other")
     parser.add_argument("--turned", action="store_true", help="the table of worlds that are turned, and no other")
+    parser.add_argument("--poor", action="store_true", help="the table of worlds whose picture is poor, and no other")
     parser.add_argument("--mitsuba", metavar="PYTHON", help="a Python that has Mitsuba (requirements-bench.txt): the "
                         "comparison with it, and no other table")
     parser.add_argument("--photographs", metavar="DIR", type=Path, help="a capture folder of photographs from one "
@@ -98,6 +112,9 @@ def main() -> int:
     if options.turned:
         turned(options.pictures, options.out / "environment.md")
         return 0
+    if options.poor:
+        poor_pictures(options.pictures, options.out / "environment.md")
+        return 0
     solves = []
     for rig in RIGS:
         if rig.name in (options.rigs or names):
@@ -111,6 +128,7 @@ def main() -> int:
         return 0
     forward(options.samples, options.out)
     turned(options.pictures, options.out / "environment.md")
+    poor_pictures(options.pictures, options.out / "environment.md")
     return 0
 
 

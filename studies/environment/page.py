@@ -16,6 +16,7 @@ from irpso_addon.core.phrases import percent
 from irpso_addon.core.shading import environment
 from studies import pages
 from studies.environment.converge import Convergence
+from studies.environment.poor import Poor
 from studies.environment.radiance import Error
 from studies.environment.recover import Recovered
 
@@ -34,6 +35,26 @@ PHOTOGRAPHS = """\
 TURNED = """\
 | off by | worlds | turned by | base colour | mean | median | confident | share |
 |---|---|---|---|---|---|---|---|"""
+
+
+POOR = """\
+| picture | light lost | base colour | mean | median | confident | share |
+|---|---|---|---|---|---|---|"""
+
+
+def poor_row(of: Poor) -> str:
+    """A line of the table of worlds whose picture is poor."""
+    r = of.found
+    confident = "-" if math.isnan(r.confident) else f"{r.confident:.3f}"
+    return (f"| {of.words} | {percent(of.lost)} | {r.albedo:.1f} | {r.mean:.3f} | {r.median:.3f} | {confident} | "
+            f"{percent(r.share)} |")
+
+
+def write_poor(found: Sequence[Poor], renderer: str, path: Path) -> None:
+    """The figures of worlds whose picture is poor, which are measured by themselves."""
+    pages.fill(path if path.exists() else pages.DOCS / "environment.md", {
+        "poor made": pages.measured(renderer, f"Blender {files.blender_version()}"),
+        "poor": "\n".join([POOR, *map(poor_row, found)])}, path)
 
 
 def turned_row(degrees: float, lamps: str, r: Recovered, solution: Solution) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from irpso_addon.blender import files
 from irpso_addon.blender.scene.scene import read_scene
-from irpso_addon.core.data import SceneData, Solution
+from irpso_addon.core.data import Environment, Solution
 from irpso_addon.core.evaluation.metrics import FAIL
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.environment import about_z
@@ -22,6 +23,7 @@ from studies.intervals.assets import truth
 SIZE = 128
 CONFIDENT = 0.5
 DONE = "done.txt"
+Change = Callable[[Environment], Environment]  # of what a scene has as its world
 
 
 @dataclass(frozen=True)
@@ -42,15 +44,20 @@ class Recovered:
 
 
 def recover(
-    rig: shoot.Rig, folder: Path, size: int = SIZE, model: str = "auto", turn: float = 0.0, lamps: str = "auto",
+    rig: shoot.Rig, folder: Path, size: int = SIZE, model: str = "auto", lamps: str = "auto",
+    change: Change | None = None,
 ) -> tuple[Recovered, Solution]:
-    """``folder`` keeps the pictures of one rig; ``turn``: degrees by which the scene has its worlds wrong."""
+    """``folder`` keeps the pictures of one rig; ``change``: makes worlds wrong."""
     if not (folder / DONE).exists() or (folder / DONE).read_text(encoding="utf-8") != repr(rig):
         (folder / DONE).unlink(missing_ok=True)
         shoot.make(folder, rig)
         (folder / DONE).write_text(repr(rig), encoding="utf-8")
     files.open_blend(folder / "scene.blend")
-    scene = _turned(read_scene(None, None, folder / "captures.json"), turn)
+    scene = read_scene(None, None, folder / "captures.json")
+    if change is not None:
+        scene = replace(scene, views=tuple(
+            view if view.environment is None else replace(view, environment=change(view.environment))
+            for view in scene.views))
     settings = SolveSettings(size=size, model=model, lamps=lamps)
     solution: Solution = thread.run(lambda: pipeline.solve(scene, settings))
     maps, (base, rough) = solution.maps, truth(rig.asset, size)
@@ -65,9 +72,7 @@ def recover(
         relit(folder / "scene.blend", rig.asset, maps)), solution
 
 
-def _turned(scene: SceneData, degrees: float) -> SceneData:
-    """With the worlds about Z elsewhere than they shone from; their records do not show it."""
+def turned(degrees: float) -> Change | None:
+    """A world about Z elsewhere than it shone from; its record does not show it."""
     about = about_z(np.radians(degrees))
-    return replace(scene, views=tuple(
-        replace(view, environment=replace(view.environment, rotation=view.environment.rotation @ about))
-        if view.environment is not None else view for view in scene.views)) if degrees else scene
+    return (lambda world: replace(world, rotation=world.rotation @ about)) if degrees else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -268,6 +269,24 @@ def test_pictures_that_cannot_be_used_are_named_in_one_line(picture, tmp_path):
     assert len(said) == 1 and "stretches" in said[0]
     _hdr(tmp_path / "sky.exr", np.ones((20, 9000, 3)))
     assert read_environment(world, 0.0, said.append).radiance.shape[1] <= 2048
+
+
+def test_a_sun_that_is_cut_off_is_named(picture, tmp_path):
+    """And not one that the picture holds in full."""
+    bright = skies.radiance(skies.unit_directions(256), sun=300.0, width=0.06)
+    world, said = _world(picture), list[str]()
+    _hdr(tmp_path / "sky.exr", bright)
+    read_environment(world, 0.0, said.append)
+    assert not said
+    _hdr(tmp_path / "sky.exr", np.minimum(bright, 20.0))
+    assert read_environment(world, 0.0, said.append) is not None
+    line = r"sky\.exr.*: \d+ pixels have its highest value, 20, so lights in it seem to be clipped"
+    assert len(said) == 1 and re.match(line, said[0])
+    image = next(n for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT").image
+    image.reload()
+    image.pack()
+    read_environment(world, 0.0, said.append)
+    assert len(said) == 2 and re.search(line, said[1])
 
 
 def test_a_texture_without_an_image_is_refused(picture):

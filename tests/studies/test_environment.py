@@ -10,7 +10,7 @@ import pytest
 from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.data import Environment
 from irpso_addon.core.shading import environment
-from studies.environment import converge, photographs, radiance, shoot
+from studies.environment import converge, photographs, poor, radiance, shoot
 from studies.environment.hdris import radiance as radiance_of
 from studies.environment.recover import recover
 
@@ -92,3 +92,17 @@ def all_over(count):
     """So many, all over the sphere."""
     made = np.random.default_rng(0).standard_normal((count, 3))
     return made / np.linalg.norm(made, axis=1, keepdims=True)
+
+
+def test_poor_pictures_of_a_world_keep_their_light_or_lose_it() -> None:
+    directions, _ = environment.texel_directions(64, 128)
+    world = Environment("day", radiance_of(directions, "day").astype(np.float32), np.eye(3))
+    few = poor.coarser(world, 32)
+    assert few.radiance.shape == (16, 32, 3)
+    assert poor.light(few) == pytest.approx(poor.light(world), rel=1e-5)
+    assert few.radiance.max() < 0.9 * world.radiance.max()  # the sun is spread
+    flat = replace(world, radiance=np.full_like(world.radiance, 2.0))
+    assert poor.light(flat) == pytest.approx(2 * 3 * 4 * np.pi, rel=1e-3)
+    dim = poor.clipped(world, 0.1)
+    assert dim.radiance.max() == pytest.approx(0.1 * world.radiance.max())
+    assert 0.02 < 1 - poor.light(dim) / poor.light(world) < 0.5

@@ -16,10 +16,12 @@ import numpy as np
 
 from ...core.data import F32, F64, Environment
 from ...core.errors import BadInput
+from ...core.images.clipped_lights import BrightestPixels
 from ...core.images.colour import known_space, to_linear_rec709
 from ...core.images.environment_image import (
     WIDTH,
     aspect_warning,
+    clipped_lights,
     eight_bits,
     from_mirror_ball,
     read_environment_image,
@@ -32,6 +34,7 @@ from . import world_bake
 Warn = Callable[[str], None]
 DEEPEST = 64  # nodes one behind the other
 GREY = 4  # pixels, the height of a picture of one colour
+WORLD = "the world"
 
 
 class _Unmodelled(Exception):
@@ -258,12 +261,12 @@ def _picture(term: _Term, warn: Warn) -> F32:
     return np.asarray(picture * factor, np.float32)
 
 
-def pixels_of(image: Any, warn: Warn, whose: str = "the world") -> F32:
+def pixels_of(image: Any, warn: Warn, whose: str = WORLD) -> F32:
     """(h, w, 3) linear, row 0 at the bottom.  Raises BadInput."""
     inside = image.packed_file is not None or image.source == "GENERATED"
     if not inside and image.source == "FILE":
         path = Path(bpy.path.abspath(image.filepath, library=image.library))
-        picture, lines = read_environment_image(path, image.colorspace_settings.name)
+        picture, lines = read_environment_image(path, image.colorspace_settings.name, whose == WORLD)
         for line in lines:
             warn(line)
         return picture
@@ -284,7 +287,13 @@ def _inside(image: Any, warn: Warn, whose: str) -> F32:
     if bad:
         warn(f"image '{image.name}' (of {whose}): {bad} pixels are NaN, infinite or negative; they are treated as "
              "black")
-    rgb = reduced(np.where(np.isfinite(rgb) & (rgb > 0), rgb, np.float32(0)), WIDTH)
+    rgb = np.where(np.isfinite(rgb) & (rgb > 0), rgb, np.float32(0))
+    if image.is_float and whose == WORLD:
+        brightest = BrightestPixels()
+        brightest.add(rgb)
+        for line in clipped_lights(f"image '{image.name}' (of {whose})", brightest):
+            warn(line)
+    rgb = reduced(rgb, WIDTH)
     if image.is_float:
         return rgb
     warn(eight_bits(image.name))

@@ -11,6 +11,7 @@ from ..errors import BadInput
 from ..phrases import percent
 from ..resampling import bilinear
 from ..shading.environment import texel_directions
+from .clipped_lights import BrightestPixels
 from .colour import known_space, to_linear_rec709
 from .image_file import floats, open_image
 
@@ -19,11 +20,12 @@ MOST_BROKEN = 0.01  # share of pixels that may be NaN or infinite
 SQUARE = 0.02  # relative difference of aspects
 
 
-def read_environment_image(path: Path, colorspace: str | None) -> tuple[F32, list[str]]:
+def read_environment_image(path: Path, colorspace: str | None, of_world: bool = True) -> tuple[F32, list[str]]:
     """((h, w, 3) linear Rec.709, row 0 at the bottom, at most WIDTH columns; warnings).
 
     Pixels that are NaN, infinite or negative count as black.  Raises BadInput for a file that cannot be read, for a
-    colour space that is not known, and where more than a hundredth is NaN or infinite.
+    colour space that is not known, and where more than a hundredth is NaN or infinite.  ``of_world``: not of a mesh
+    that glows, which may be evenly bright.
     """
     file = open_image(path)
     space = known_space(colorspace) if colorspace else None
@@ -37,6 +39,7 @@ def read_environment_image(path: Path, colorspace: str | None) -> tuple[F32, lis
     total, count = np.zeros((height, width, 3)), np.bincount(columns, minlength=width).astype(np.float64)
     lines = np.zeros(height)
     top = broken = negative = 0
+    brightest = BrightestPixels()
     for rows in file.bands():
         with np.errstate(all="ignore"):
             rgb = to_linear_rec709(floats(rows[..., :3]), space)
@@ -44,6 +47,7 @@ def read_environment_image(path: Path, colorspace: str | None) -> tuple[F32, lis
         broken += int((~finite).sum())
         negative += int((rgb[finite] < 0).any(-1).sum())
         rgb = np.where(finite[..., None], np.maximum(rgb, 0), np.float32(0)).astype(np.float64)
+        brightest.add(rgb)
         at = (np.arange(top, top + len(rgb)) * height) // file.height
         np.add.at(total, at, np.add.reduceat(rgb, starts, 1))
         lines += np.bincount(at, minlength=height)
@@ -53,10 +57,10 @@ def read_environment_image(path: Path, colorspace: str | None) -> tuple[F32, lis
         raise BadInput(f"{path}: {percent(broken / pixels)} of its pixels are NaN or infinite; render the environment "
                        "again")
     return (np.asarray((total / (lines[:, None] * count)[..., None])[::-1], np.float32),
-            _warnings(path.name, file.bits, (broken, negative, pixels)))
+            _warnings(path.name, file.bits, (broken, negative, pixels), brightest if of_world else None))
 
 
-def _warnings(name: str, bits: int, counts: tuple[int, int, int]) -> list[str]:
+def _warnings(name: str, bits: int, counts: tuple[int, int, int], brightest: BrightestPixels | None) -> list[str]:
     broken, negative, pixels = counts
     found = []
     if broken:
@@ -65,6 +69,8 @@ def _warnings(name: str, bits: int, counts: tuple[int, int, int]) -> list[str]:
         found.append(f"{name}: {percent(negative / pixels, 1)} of its pixels are negative; they are treated as black")
     if bits <= 8:
         found.append(eight_bits(name))
+    elif brightest is not None:
+        found.extend(clipped_lights(name, brightest))
     return found
 
 
@@ -76,6 +82,13 @@ def unknown_space(name: str) -> str:
 def eight_bits(name: str) -> str:
     """The warning of a picture that clips lights."""
     return f"{name}: has 8 bits per channel, so lights in it are clipped; use an HDR or EXR file"
+
+
+def clipped_lights(name: str, brightest: BrightestPixels) -> list[str]:
+    """The warning of a picture of high range whose lights end below what they were."""
+    pixels = brightest.clipped()
+    return [f"{name}: {pixels} pixels have its highest value, {brightest.top:.4g}, so lights in it seem to be clipped; "
+            "merge it again with darker exposures"] if pixels else []
 
 
 def aspect_warning(name: str, picture: F32) -> list[str]:
