@@ -11,7 +11,15 @@ from irpso_addon.core.data import Coat
 from irpso_addon.core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from irpso_addon.core.evaluation.descent import COSINES, AmongCosines
 from irpso_addon.core.evaluation.joint_material import LEVELS, PLAIN_ALONE, ROUGHNESS, JointSearch
-from irpso_addon.core.evaluation.sampled_texels import SampledTexels, common_base, one_lobe, parts, predicted
+from irpso_addon.core.evaluation.sampled_texels import (
+    SampledTexels,
+    common_base,
+    energy_of,
+    one_lobe,
+    parts,
+    predicted,
+)
+from irpso_addon.core.shading import brdf
 from tests.support.random_texels import RNG, sampled
 
 pytestmark = pytest.mark.usefixtures("same_draws")
@@ -288,3 +296,20 @@ def test_a_diffuse_roughness_is_found(diffuse: float, different: bool) -> None:
 def test_a_metal_has_no_diffuse_roughness() -> None:
     texels, _ = sampled(60, 12, 2, np.full(60, 0.42), metallic=1.0)
     assert JointSearch(texels).diffuse_roughness(np.ones(24, bool)) < 0.05
+
+
+@pytest.mark.parametrize("alike", [True, False])
+@pytest.mark.parametrize("level", [0.5, 0.3])
+def test_energy_is_that_of_each_view(alike: bool, level: float) -> None:
+    """Views of a camera see a texel alike; where they do not, each is looked up by itself."""
+    rng = np.random.default_rng(1)
+    camera = np.array([3, 1, 3, 1, 1], np.int32)
+    texels, roughness = 20, rng.uniform(0.1, 1.0, 20)
+    cos_v = rng.uniform(0.0, 1.0, (texels, 4))[:, camera] if alike else rng.uniform(0.0, 1.0, (texels, 5))
+    shape = texels, 5
+    sample = SampledTexels(np.ones((*shape, 3)), np.ones(shape), cos_v, np.ones((*shape, 1, 4)), np.ones((*shape, 3)),
+                           camera, np.zeros(5, np.int32), np.zeros(5, np.int32))
+    assert len(sample.views_of[0]) == (2 if alike else 5)
+    found = energy_of(sample, roughness, np.full(texels, level))
+    right = brdf.principled_energy_level(roughness[:, None], np.clip(cos_v, 1e-3, 1.0), np.full((texels, 1), level))
+    assert np.allclose(np.stack(found, -1), right, atol=2e-5)  # at level 0.5 from a table

@@ -12,7 +12,7 @@ import pytest
 from irpso_addon.core.cpu_solver import rasterise
 from irpso_addon.core.data import MeshArrays
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe
-from irpso_addon.core.normals import judge, tangent_map
+from irpso_addon.core.normals import judge, tangent_map, texel_tilts
 from irpso_addon.core.normals.judge import NormalsJudged, judge_normals
 from irpso_addon.core.normals.low_pass import common
 from irpso_addon.core.normals.texel_tilts import TexelTilts
@@ -238,6 +238,46 @@ def test_texels_without_data_follow_their_neighbours() -> None:
     error = np.linalg.norm(offset[..., :2] - wave, axis=-1)
     assert np.sqrt((error[known] ** 2).mean()) < 0.25 * deviation
     assert np.sqrt((error[~known] ** 2).mean()) < 0.45 * deviation
+
+
+def test_long_waves_are_found_on_large_grids(monkeypatch) -> None:
+    """Tilts that change along one axis only do not circulate: the most likely ones are those of a line of texels."""
+    size, deviation, stiffness = 256, 0.02, 400.0  # the last times 1 / deviation^2
+    position, normal = grid(size)
+    rng = np.random.default_rng(3)
+    told = 0.01 * np.cos(7 * np.arange(size) / size) + 0.02 * rng.standard_normal(size)
+    sure = np.where(np.arange(size) % 64 < 32, 1.0, 0.02)  # times 1 / deviation^2
+    step = np.diff(np.eye(size), axis=0)
+    right = np.linalg.solve(np.diag(sure + 1) + stiffness * step.T @ step, sure * told)
+    found = TexelTilts(position, normal, np.ones((size, size), bool))
+    found.information[:] = (sure / deviation**2)[:, None, None] * np.eye(2)
+    found.pull[..., 0] = sure / deviation**2 * told
+    monkeypatch.setattr(texel_tilts._Field, "_stiffness", lambda field: stiffness / deviation**2)
+    offset = found.offsets(deviation, large=True)
+    off = np.sqrt(np.mean((offset - right[:, None] * np.array([1.0, 0, 0])) ** 2) * 3)
+    assert off < 0.02 * np.sqrt(np.mean(right**2))  # 0.014; 200 rounds from no tilts leave 0.025
+
+
+def test_texels_twice_as_wide_know_what_theirs_do() -> None:
+    """An odd number of rows, texels that are none, and axes that differ from texel to texel."""
+    rng = np.random.default_rng(2)
+    position = rng.uniform(size=(7, 8, 3)).astype(np.float32)
+    normal = (np.array([0, 0, 1]) + 0.3 * rng.standard_normal((7, 8, 3))).astype(np.float32)
+    found = TexelTilts(position, normal, rng.uniform(size=(7, 8)) > 0.2)
+    root = rng.standard_normal((7, 8, 2, 2))
+    found.information[:] = root @ root.swapaxes(2, 3)
+    found.pull[:] = rng.standard_normal((7, 8, 2))
+    wide = found.halved()
+    fine, coarse = (np.stack(light_basis(each.normal.astype(np.float64)), -2) for each in (found, wide))
+    for row, column in np.ndindex(4, 4):
+        own = [at for at in np.ndindex(7, 8) if found.texels[at] and (at[0] // 2, at[1] // 2) == (row, column)]
+        assert wide.texels[row, column] == bool(own)
+        tilt = rng.standard_normal(2)
+        each = [fine[at] @ (tilt @ coarse[row, column]) for at in own]  # the same turn, about the texels' axes
+        assert np.isclose(tilt @ wide.information[row, column] @ tilt,
+                          sum(one @ found.information[at] @ one for one, at in zip(each, own, strict=True)), rtol=1e-4)
+        assert np.isclose(tilt @ wide.pull[row, column],
+                          sum(one @ found.pull[at] for one, at in zip(each, own, strict=True)), rtol=1e-4, atol=1e-5)
 
 
 def relief(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

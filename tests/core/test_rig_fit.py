@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from irpso_addon.core.calibration import rig_fit
+from irpso_addon.core.calibration import rig_fit, rig_sample
 from irpso_addon.core.calibration.finish import Final, weighed
 from irpso_addon.core.calibration.free_numbers import sure_of_ambient
 from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig
 from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.rig_round import in_common
 from irpso_addon.core.calibration.rig_sample import RigSample
+from irpso_addon.core.data import Light
 from irpso_addon.core.evaluation.joint_material import OneMaterial
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels
 from irpso_addon.core.job import Steps, run_to_end
@@ -96,6 +98,25 @@ def test_fits_that_begin_alike_look_for_materials_once(monkeypatch: pytest.Monke
         assert one.change.offset.tobytes() == other.change.offset.tobytes()
         assert one.change.log_gain.tobytes() == other.change.log_gain.tobytes()
         assert one.materials == other.materials
+
+
+def test_slopes_of_places_that_are_near_are_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And suns end where slopes at their own places would have led them, to a fifth of their standard errors."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, noise=0.01, turned=np.radians(0.5))
+    taken: list[str] = []
+    original = rig_sample.light_slopes
+
+    def heard(light: Light, *more: Any) -> Any:
+        taken.append(light.name)
+        return original(light, *more)
+
+    monkeypatch.setattr(rig_sample, "light_slopes", heard)
+    near = found(fit_rig(replace(sample.rig), PLACES))
+    assert LAMPS <= len(taken) <= 3 * LAMPS  # of six rounds
+    monkeypatch.setattr(rig_sample, "NEAR", 1e-9)
+    own = found(fit_rig(replace(sample.rig), PLACES))
+    assert len(taken) > 6 * LAMPS
+    assert (np.abs(near.change.offset - own.change.offset) <= 0.2 * own.error.offset).all()
 
 
 def test_pictures_in_which_no_lamp_shone_show_no_ambient_light() -> None:

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig, shade_of
+from irpso_addon.core.calibration.choice import with_ambient
+from irpso_addon.core.calibration.contest import Contest
+from irpso_addon.core.calibration.rig_fit import RigFound, around_of, fit_rig
 from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.shade import AWAY, faces_away, shows_shade
+from irpso_addon.core.evaluation.folds import split
 from irpso_addon.core.job import Steps, run_to_end
 from tests.support.ball_in_room import AROUND, ball
 
@@ -41,7 +44,7 @@ def test_it_is_found_beside_normals_and_suns_that_are_off(around: float, off: fl
     assert abs(with_shade.change.ambient - around) < off
     assert abs(with_shade.change.ambient - around) <= abs(without.change.ambient - around)
     assert with_shade.error.ambient < without.error.ambient
-    assert shade_of(made, with_shade) == pytest.approx(around, rel=0.04, abs=3e-4)
+    assert around_of(made, with_shade).value == pytest.approx(around, rel=0.04, abs=3e-4)
 
 
 def test_each_channel_says_its_own() -> None:
@@ -52,5 +55,21 @@ def test_each_channel_says_its_own() -> None:
         one = slice(channel, channel + 1)
         own = replace(made, shade=made.shade[..., one], texels=replace(
             made.texels, reflected=made.texels.reflected[..., one], irradiance=made.texels.irradiance[..., one]))
-        assert shade_of(own, every) == pytest.approx(AROUND, rel=0.06)
-    assert shade_of(replace(made, shade=None), every) is None
+        assert around_of(own, every).value == pytest.approx(AROUND, rel=0.06)
+    assert around_of(replace(made, shade=None), every) is None
+
+
+@pytest.mark.parametrize(("lead", "lit"), [(5.0, True), (12.0, False)])
+def test_the_shade_is_believed_as_far_as_lit_places_contradict_less(
+    lead: float, lit: bool, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It is sure to ten standard errors; ``lead``: by how many lit places are predicted better without such light."""
+    made, free = ball(AROUND, turned=np.radians(1.0)), replace(BUMPY, ambient=False)
+    folds = split(made.texels)
+    assert folds is not None
+    whole = found(fit_rig(made, free))
+    contest = Contest(made, whole, folds, tilts=True)
+    monkeypatch.setattr(Contest, "lead", lambda self, name, other: lead if name == "without" else -lead)
+    taken, change = run_to_end(with_ambient(contest, free, whole), lambda progress: None)
+    assert taken.ambient == lit
+    assert (change.change.ambient > 0.8 * AROUND) == lit

@@ -12,10 +12,9 @@ from ..evaluation.folds import split
 from ..job import Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
 from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_off, pruned, sure_of_ambient
-from .rig_fit import AGAIN, ROUNDS, RigFound, fit_rig
+from .rig_fit import AGAIN, ROUNDS, RigFound, around_of, fit_rig
 from .rig_numbers import Free
 from .rig_sample import RigSample
-from .shade import shows_shade
 
 # Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
 # of a matt figurine show 0.1 to 0.2.
@@ -165,7 +164,8 @@ def with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[F
         return free, without
     for name, each in (("without", without), ("lit", other)):
         contest.add(name, contest.of_whole(each))
-    fine = not contest.beats("without", "lit") if shows_shade(contest.sample) else (
+    shade = around_of(contest.sample, other)
+    fine = contest.lead("without", "lit") < shade.value / shade.error if shade is not None else (
         contest.gain("lit", "without").sum() > 0)
     return (lit, other) if fine else (free, without)
 

@@ -81,8 +81,12 @@ class Contest:
 
     def beats(self, name: str, other: str) -> bool:
         """Whether a rig predicts better than another, beyond the scatter."""
+        return self.lead(name, other) > SURE
+
+    def lead(self, name: str, other: str) -> float:
+        """By how many standard errors a rig predicts better than another; 0 if they predict alike."""
         gain = self.gain(name, other)
-        return bool(gain.sum() > SURE * scatter(gain, self.sample.cluster))
+        return float(gain.sum()) / max(scatter(gain, self.sample.cluster), LEAST_SEEN)
 
     def gain(self, name: str, other: str) -> F64:
         """(T,) by how much a rig predicts each texel better than another."""

@@ -14,7 +14,7 @@ from .choice import Chosen
 from .contest import GIVEN
 from .free_numbers import is_far, is_off, sure_of_ambient
 from .rig import Rig, RigChange
-from .rig_fit import RigFound, fit_rig, shade_of
+from .rig_fit import RigFound, around_of, fit_rig
 from .rig_numbers import Free, tell_typical
 from .rig_sample import COLOURS, RigSample
 from .standard_errors import COMMON, unexplained
@@ -127,9 +127,10 @@ def ambient_of(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[fl
         return 0.0, 0.0, 0.0
     if sample.texels.reflected.shape[-1] < COLOURS:  # layers of one channel each: all of them share the light
         return grey, grey, grey
-    white = shade_of(sample, found)  # as what was found, weighted by base colours
-    if white:
-        red, green, blue = (grey * (shade_of(sample.channel(n), found) or 0.0) / white for n in range(COLOURS))
+    white = around_of(sample, found)  # as what was found, weighted by base colours
+    if white is not None and white.value:
+        shades = [around_of(sample.channel(n), found) for n in range(COLOURS)]
+        red, green, blue = (0.0 if shade is None else grey * shade.value / white.value for shade in shades)
         return red, green, blue
     sample = sample.part(np.arange(len(sample.slot)) % max(len(sample.slot) // COLOURED, 1) == 0)
     radiance = []

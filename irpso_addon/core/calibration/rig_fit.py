@@ -15,6 +15,7 @@ from .rig import RigChange
 from .rig_numbers import Free, RigNumbers, tell_typical
 from .rig_round import DIFFUSE, LEAST, RigRound
 from .rig_sample import RigSample
+from .shade import AroundInShade
 from .texel_materials import materials_of
 
 ROUNDS, AGAIN = 6, 3  # from what is given; from what was found
@@ -76,10 +77,9 @@ def left_over(sample: RigSample, found: RigFound) -> F64:
     return np.where(now.good & (now.share > DIFFUSE), now.left, np.nan)
 
 
-def shade_of(sample: RigSample, found: RigFound) -> float | None:
+def around_of(sample: RigSample, found: RigFound) -> AroundInShade | None:
     """What places in the shade say of light from all around under the rig that was found; None: nothing."""
-    shade = _round(sample, found).around_in_shade()
-    return None if shade is None else shade.value
+    return _round(sample, found).around_in_shade()
 
 
 def base_of(sample: RigSample, found: RigFound) -> F64:

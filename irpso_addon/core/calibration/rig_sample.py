@@ -23,6 +23,7 @@ from .rig import Rig, RigChange
 DARK = 0.005  # of white: what light that bounces between metals and noise make of their pictures
 LEAST_COSINE = 1e-3
 LEAST_LIGHT = 1e-20
+NEAR = 0.01  # of a lamp's distance, or radians: from place to place at which slopes of irradiance are taken
 COLOURS = 3
 ROUGH, TYPICAL_BASE = 0.5, 0.4  # Diffuse Roughness and base colour of a rough diffuse; others are powers of it
 SHEEN = 0.5  # roughness with which light from all around is reflected: its albedo hardly depends on it
@@ -135,6 +136,7 @@ class RigGeometry:
     def __init__(self, sample: RigSample) -> None:
         self.sample = sample
         self.lit = _lit(sample)
+        self.slopes: dict[str, tuple[list[float], F64, Bool]] = {}  # by lamp: number of the place, as of `_slopes`
         self.given = self._light(RigChange.none(len(sample.rig.groups), len(sample.rig.views)))
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
         self.to_camera = [_to_camera(view.camera, sample.position) for view in sample.rig.views]
@@ -150,7 +152,7 @@ class RigGeometry:
     def of(self, sample: RigSample) -> RigGeometry:
         """Of other texels' observations at the same places."""
         other = copy(self)
-        other.sample, other.begun = sample, {}
+        other.sample, other.begun, other.slopes = sample, {}, dict(self.slopes)
         return other
 
     def under(self, change: RigChange) -> Seen:
@@ -241,20 +243,38 @@ class RigGeometry:
 
         Where no view shows a texel under the lamp, irradiance is 1, and nothing is known of slopes.
         """
-        sample = self.sample
-        lights, result, middle = sample.rig.lights(change), {}, sample.position.mean(0)
+        sample, lights, result = self.sample, self.sample.rig.lights(change), {}
+        near = np.round(change.offset / NEAR)
+        slopes = self._slopes(replace(change, offset=NEAR * near), near)
         for group in sample.rig.groups:
-            for name, axes in zip(group.lights, group.axes, strict=True):
-                light = four_sided(lights[name])  # what counts are ratios to the lamp as it is given
-                own = 1.0 if light.kind == "SUN" else float(np.linalg.norm(light.matrix[:3, 3] - middle))
-                seen = self.lit[name]
-                position, normal = sample.position[seen], sample.normal[seen]
-                of, known = light_slopes(light, position, normal, own)
-                irradiance, slopes, fine = np.ones(len(seen)), np.zeros((len(seen), 3)), np.zeros(len(seen), bool)
-                irradiance[seen], fine[seen] = light_irradiance(light, position, normal), known
-                slopes[seen] = np.where(known[:, None], of @ axes * (group.reach / own), 0.0)
-                result[name] = irradiance, slopes, fine
+            for name in group.lights:
+                seen, irradiance = self.lit[name], np.ones(len(sample.slot))
+                # What counts are ratios to the lamp as it is given.
+                irradiance[seen] = light_irradiance(
+                    four_sided(lights[name]), sample.position[seen], sample.normal[seen])
+                result[name] = irradiance, *slopes[name]
         return result
+
+    def _slopes(self, change: RigChange, near: F64) -> dict[str, tuple[F64, Bool]]:
+        """Slopes of `_light` by lamp, and where they are known; ``near``: (G, 3) number of each group's place.
+
+        They take most of the time, and change little between places that are near each other.
+        """
+        sample, middle = self.sample, self.sample.position.mean(0)
+        lights: dict[str, Light] = {}
+        for group, place in zip(sample.rig.groups, near.tolist(), strict=True):
+            for name, axes in zip(group.lights, group.axes, strict=True):
+                if name in self.slopes and self.slopes[name][0] == place:
+                    continue
+                lights = lights or sample.rig.lights(change)
+                light, seen = four_sided(lights[name]), self.lit[name]
+                own = 1.0 if light.kind == "SUN" else float(np.linalg.norm(light.matrix[:3, 3] - middle))
+                of, known = light_slopes(light, sample.position[seen], sample.normal[seen], own)
+                slopes, fine = np.zeros((len(seen), 3)), np.zeros(len(seen), bool)
+                fine[seen] = known
+                slopes[seen] = np.where(known[:, None], of @ axes * (group.reach / own), 0.0)
+                self.slopes[name] = place, slopes, fine
+        return {name: (slopes, fine) for name, (_, slopes, fine) in self.slopes.items()}
 
 
 def diffuse_shapes(lobes: F64, cos_v: F64) -> F64:

@@ -54,11 +54,11 @@ def lobes_of(
     for slot, one in materials.items():
         own = sample.slot == slot
         if own.any():
-            nearby = None if near is None else near[own]
+            nearby, some = None if near is None else near[own], texels if own.all() else texels.part(own)
             if sample.metals:
-                roughness[own], metallic[own] = _metallic(texels.part(own), one, nearby)
+                roughness[own], metallic[own] = _metallic(some, one, nearby)
             else:
-                roughness[own] = _roughness(texels.part(own), one, nearby)
+                roughness[own] = _roughness(some, one, nearby)
             level[own] = one.level
     return one_lobe(roughness, level, metallic if sample.metals else 0.0)
 
@@ -100,11 +100,12 @@ def _roughness(texels: SampledTexels, one: OneMaterial, near: F64 | None) -> F64
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
     ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
     energies = brdf.principled_energy_level(NODES[:, None], COSINES, np.full((len(NODES), 1), one.level))
-    among, places = AmongCosines(texels.cos_v), LobePlaces(texels.lobes, cos_v, texels.nodes)
+    columns, of = texels.views_of
+    among, places = AmongCosines(texels.cos_v[:, columns]), LobePlaces(texels.lobes, cos_v, texels.nodes)
 
     def cost(node: I32) -> F64:
         """(T,) of a node each."""
-        gain, taken = (among.values(table, node[:, None]) for table in tables)
+        gain, taken = (among.values(table, node[:, None]).take(of, 1) for table in tables)
         specular = dot(places.values(NODES[node]), ratio) * gain
         diffuse = (1 - taken) / np.pi
         base = base_colours(paints, weight, diffuse, f - specular)

@@ -91,6 +91,14 @@ class SampledTexels:
             bounce = brdf.rough_bounce(np.clip(shown / np.maximum(one + two * bounce, LEAST), 0, 1), roughness)
         return np.asarray(single + lost * bounce)
 
+    @cached_property
+    def views_of(self) -> tuple[I32, I32]:
+        """(columns of `cos_v` that differ; (V,) which of these each layer has): views of a camera see a texel alike."""
+        _, columns, of = np.unique(self.camera, return_index=True, return_inverse=True)
+        if not np.array_equal(self.cos_v, self.cos_v[:, columns[of]]):
+            columns = of = np.arange(len(self.camera))
+        return columns.astype(np.int32), of.astype(np.int32)
+
     def part(self, texels: Bool | I32) -> SampledTexels:
         """Some of the texels."""
         part = SampledTexels(self.reflected[texels], self.quality[texels], self.cos_v[texels], self.lobes[texels],
@@ -172,12 +180,23 @@ def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> 
     shape = lobe_values(texels.lobes, cos_v, roughness, beckmann, texels.nodes)
     if beckmann:
         return np.full(cos_v.shape, 1 / np.pi), summed(shape)
-    if np.all(level == 0.5):
-        energy = brdf.principled_energy(roughness[:, None], cos_v)
-    else:
-        energy = brdf.principled_energy_level(roughness[:, None], cos_v, level[:, None])
+    if np.any(level != 0.5):
         shape = shape * fresnel_ratio(texels.lobes, cos_v, level[:, None, None], texels.nodes, roughness)
-    return (1 - energy[..., 1]) / np.pi, summed(shape) * energy[..., 0]
+    gain, taken = energy_of(texels, roughness, level)
+    return (1 - taken) / np.pi, summed(shape) * gain
+
+
+def energy_of(texels: SampledTexels, roughness: F64, level: F64) -> tuple[F64, F64]:
+    """(T, V) each: gain of a lobe by multiple scattering, and what it takes from the diffuse.
+
+    ``roughness``, ``level``: (T,).  It is looked up once for all views of a camera.
+    """
+    columns, of = texels.views_of
+    cos_v = np.clip(texels.cos_v[:, columns], 1e-3, 1.0)
+    energy = (brdf.principled_energy(roughness[:, None], cos_v) if np.all(level == 0.5) else
+              brdf.principled_energy_level(roughness[:, None], cos_v, level[:, None]))
+    gain, taken = (energy[..., k].take(of, 1) for k in (0, 1))
+    return gain, taken
 
 
 def predicted(

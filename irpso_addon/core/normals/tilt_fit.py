@@ -16,7 +16,7 @@ import numpy as np
 from ..calibration.paint import paints_of, quotients
 from ..data import F64, Bool
 from ..evaluation.lobe_values import fresnel_ratio
-from ..evaluation.sampled_texels import Lobes
+from ..evaluation.sampled_texels import Lobes, energy_of
 from ..shading import brdf, environment
 from ..vectors import dot, mean, summed
 from .tilt_sample import LEAST, LEAST_COSINE, LEAST_LOG, MOST_LOG, TiltedWorlds, TiltSample
@@ -121,13 +121,12 @@ class TiltModel:
         texels = sample.texels
         cos_v = np.clip(texels.cos_v, LEAST_COSINE, 1.0)
         roughness, level = lobes.roughness[:, 0], lobes.level
-        energy = (brdf.principled_energy(roughness[:, None], cos_v) if np.all(level == 0.5) else
-                  brdf.principled_energy_level(roughness[:, None], cos_v, level[:, None]))
-        self.white = (1 - energy[..., 1]) / np.pi
+        gain, taken = energy_of(texels, roughness, level)
+        self.white = (1 - taken) / np.pi
         self.alpha2 = (roughness**4)[:, None, None]
         ratio = 1.0 if np.all(level == 0.5) else fresnel_ratio(texels.lobes, cos_v, level[:, None, None])
-        self.factor = texels.lobes[..., 3] * (energy[..., 0] * cos_v)[..., None] * ratio  # V.H stays as it is
-        self.around = None if sample.worlds is None else self._around(sample.worlds, lobes, cos_v, energy[..., 0])
+        self.factor = texels.lobes[..., 3] * (gain * cos_v)[..., None] * ratio  # V.H stays as it is
+        self.around = None if sample.worlds is None else self._around(sample.worlds, lobes, cos_v, gain)
 
     def at(self, tilt: F64) -> tuple[F64, F64]:
         """(T, V) each: what is reflected for each unit of base colour, and whatever that is."""

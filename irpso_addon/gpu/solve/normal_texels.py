@@ -7,6 +7,7 @@ import os
 from collections import deque
 from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import moderngl
@@ -62,9 +63,10 @@ def refined_normals(
     views, of_layer = views_of(source)
     rig = Rig.of(views, position[texels].mean(0).astype(np.float64))
 
-    def observed(at: tuple[I32, I32], blocks: F32) -> RigSample:
-        light = _light(blocks, layers.lights, of_layer)
-        return RigSample(observed_texels(blocks, layers, light), rig, of_layer, position[at].astype(np.float64),
+    def observed(at: tuple[I32, I32], blocks: F32, kept: Bool) -> RigSample:
+        own, some = of_layer[kept], replace(layers, groups=tuple(int(n) for n in np.array(layers.groups)[kept]))
+        light = _light(blocks, layers.lights, own)
+        return RigSample(observed_texels(blocks, some, light), rig, own, position[at].astype(np.float64),
                          _unit(normal[at][:, :3].astype(np.float64)), normal[at][:, 3].round().astype(np.int32),
                          np.zeros(len(blocks), np.int32), scale_known)
 
@@ -77,7 +79,8 @@ def refined_normals(
         return (yield from worlds(surface, seen_by(blocks[:, :, 0, 1], layers)))
 
     def fitted(at: tuple[I32, I32], blocks: F32, light: TiltedWorlds | None) -> tuple[F64, F64]:
-        return _fitted(TiltSample.of(observed(at, blocks), light), judged)
+        kept = _shown(blocks, layers) if light is None else np.ones(len(of_layer), bool)
+        return _fitted(TiltSample.of(observed(at, blocks[:, kept], kept), light), judged)
 
     fits: deque[tuple[tuple[I32, I32], Future[tuple[F64, F64]]]] = deque()
     pool = ThreadPoolExecutor(THREADS, "irpso-normals")
@@ -109,7 +112,7 @@ def _read(
 ) -> Generator[tuple[float, tuple[I32, I32] | None, F32 | None], None, None]:
     """Share that is done, and rows, columns and the blocks (T, layers, blocks, 4) of some texels; or a pause.
 
-    Of those that some view observes.
+    Of those that some view observes, sorted by the views that do, so that the texels of a fit lack the same ones.
     """
     device, layers = source.device, source.layers
     each = max(AT_ONCE // (len(layers.groups) * max(layers.lights, 1)), LEAST)
@@ -121,13 +124,25 @@ def _read(
             for _ in source.gather(atlas, (x, y), layers.channels == 1):
                 yield n / len(places), None, None
             blocks = device.read(atlas.texture).reshape(layers.blocks, h, w, 4)
-            seen = (blocks[::layers.each, ..., 1] > 0).any(0)[:texels.shape[0] - y, :texels.shape[1] - x]
-            row, column = (index.astype(np.int32) for index in np.nonzero(texels[y:y + h, x:x + w] & seen))
+            seen = (blocks[::layers.each, ..., 1] > 0)[:, :texels.shape[0] - y, :texels.shape[1] - x]
+            row, column = (index.astype(np.int32) for index in np.nonzero(texels[y:y + h, x:x + w] & seen.any(0)))
+            order = np.lexsort(np.packbits(seen[:, row, column], axis=0)[::-1])
+            row, column = row[order], column[order]
             for first in range(0, len(row), each):
                 down, along = row[first:first + each], column[first:first + each]
                 own = np.moveaxis(blocks[:, down, along], 0, 1)
                 yield n / len(places), (down + y, along + x), own.reshape(
                     len(down), len(layers.groups), layers.each, 4)
+
+
+def _shown(blocks: F32, layers: Layers) -> Bool:
+    """(V,) layers that some of the texels are observed in, and all of a camera of which that is one alone.
+
+    A camera with one view has no base colour of its own.
+    """
+    shown: Bool = (blocks[:, :, 0, 1] > 0).any(0)
+    _, group = np.unique(layers.groups, return_inverse=True)
+    return np.asarray(shown | (np.bincount(group, shown) == 1)[group])
 
 
 def _fitted(sample: TiltSample, judged: NormalsJudged) -> tuple[F64, F64]:
