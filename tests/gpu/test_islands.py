@@ -45,6 +45,7 @@ def test_paint_beyond_a_seam_stays_there(pixels):
     assert np.median(off[beside]) < 0.01
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("footprint", [0.01, 1.0, 1.5])
 def test_pixels_at_a_seam_are_marked(on_gl, footprint):
     """Where a corner of the footprint lies beyond the seam, by rays; beside the plane nothing mixes in."""

@@ -53,6 +53,7 @@ def rough() -> syn.Shoot:
         return shoot(views())
 
 
+@pytest.mark.one_python
 def test_many_turns_keep_the_normals_and_the_report_says_so(rough, monkeypatch) -> None:
     monkeypatch.setattr(world_light, "MOST_TILTED", TURNS - 1)
     found = solved(rough)
@@ -69,6 +70,7 @@ def test_bumps_become_a_normal_map(rough) -> None:
     assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.one_python
 def test_exact_normals_stay_to_the_byte() -> None:
     made = shoot(views())
     auto, given = solved(made), solved(made, normals="mesh")
