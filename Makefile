@@ -7,7 +7,7 @@ SUITES = blender gpu core studies-stability studies-measured studies-intervals \
 	studies-resilience studies-fuzz studies-bench studies-budget studies-rungs studies-environment studies-emitters \
 	studies-standard_errors studies-pages
 
-.PHONY: setup demo test suites $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
+.PHONY: setup demo test suites $(SUITES:%=test-%) test-gui same-maps screenshots lint lint-systems docs site bench stability zip release clean
 
 # .ready is what the environment was made from, not a date: clones with the same pins can share one.
 setup:
@@ -39,6 +39,11 @@ $(SUITES:%=test-%): test-%: setup
 # BLENDER=/path/to/blender picks one with a window; else Debian's is set up (as root).
 test-gui: setup
 	BLENDER=$${BLENDER:-$$(bash tools/gui_setup.sh)} && export BLENDER && $(RUN) -m pytest tests/gui
+
+# For .ci/run, which compares what its Pythons save.
+same-maps: setup
+	@LP_NUM_THREADS=$${LP_NUM_THREADS-0} OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS-1} \
+	$(RUN) -m tests.support.same_maps save build/maps-$(notdir $(VENV)).npz
 
 screenshots: setup
 	BLENDER=$${BLENDER:-$$(bash tools/gui_setup.sh)} && export BLENDER && $(RUN) -m tests.gui.screenshots

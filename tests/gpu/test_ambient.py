@@ -37,22 +37,34 @@ def surrounded(shoot: syn.Shoot, radiance: tuple[float, float, float]) -> syn.Sh
     return replace(shoot, images=images)
 
 
+known: dict[tuple[bytes, int, int], np.ndarray] = {}  # light from everywhere, by camera: several tests have the same
+
+
 def _from_everywhere(truth: syn.Truth, camera: Camera, width: int, height: int) -> np.ndarray:
     """(h, w, 3) radiance under 1 from each direction above the plane, which hides those below: their sum."""
+    assert truth is syn.PATCHES
+    key = camera.world_to_camera.tobytes(), width, height
+    if key not in known:
+        known[key] = _sum_from_everywhere(truth, camera, width, height)
+    return known[key]
+
+
+def _sum_from_everywhere(truth: syn.Truth, camera: Camera, width: int, height: int) -> np.ndarray:
     count = 400
     i = np.arange(count) + 0.5
     z, turn = i / count, i * np.pi * (3 - 5**0.5)
     ways = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], -1)
     origin, direction = syn.pixel_rays(camera, width, height)
     points = np.nan_to_num(syn.meet_plane(origin, direction))
-    points = np.where((np.abs(points[..., :2]) <= 1).all(-1)[..., None], points, 0.0)
+    shown = (np.abs(points[..., :2]) <= 1).all(-1)
+    points, direction = points[shown], direction[shown]
     uv, normal = syn.plane_uv(points), syn.plane_normal(points)
     base, rough = (f(uv[..., 0], uv[..., 1]) for f in (truth.base, truth.roughness))
-    total = np.zeros(points.shape)
+    total = np.zeros((height, width, 3))
     for way in ways:
         cosine = np.maximum(normal @ way, 0)
-        total += cosine[..., None] * brdf.principled(base, rough, np.broadcast_to(way, points.shape), -direction,
-                                                     normal)
+        total[shown] += cosine[..., None] * brdf.principled(
+            base, rough, np.broadcast_to(way, points.shape), -direction, normal)
     return total * (2 * np.pi / count)
 
 

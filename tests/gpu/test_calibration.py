@@ -50,6 +50,7 @@ def rough_error(shoot: syn.Shoot, solution: Solution) -> float:
     return float(np.mean(shoots.errors(solution, shoot.truth).rough))
 
 
+@pytest.mark.one_python
 def test_what_is_right_stays(plane) -> None:
     """To the byte."""
     given, auto = shoots.run(plane, **AUTO | GIVEN), shoots.run(plane, **AUTO)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from irpso_addon.compare import measure
 from irpso_addon.core.data import View
@@ -28,6 +29,7 @@ def test_a_reference_is_read_once_for_moved_cameras_and_again_for_another_exposu
     assert read == [*first, (views[0].image, 1.1)]
 
 
+@pytest.mark.one_python
 def test_held_out_pixels_of_faces_outside_the_square_are_not_judged(monkeypatch):
     """Half of the plane, of other paint, lies in the next square, of which no method has made a map."""
     plane = syn.shoot(syn.PATCHES, shoots.rig(), (96, 96))

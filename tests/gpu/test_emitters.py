@@ -22,6 +22,7 @@ from irpso_addon.gpu.observe.picture_memory import channels_needed
 from irpso_addon.solve import pipeline
 from tests.support import glowing
 from tests.support import synthetic as syn
+from tests.support.shoots import AS_GIVEN
 
 SIZE = 48
 BLACK = np.zeros((1, 2, 3), np.float32)
@@ -90,6 +91,7 @@ def test_nodes_and_irradiance_are_those_of_the_twin(light):
     assert np.median(worst) < 0.004
 
 
+@pytest.mark.one_python
 def test_a_pixel_across_the_horizon_has_the_mean_light_of_its_places():
     """A panel sets behind a sphere: against 12 x 12 rays a pixel.  At its middle: 0.93 to 0.99 of their mean."""
     panel = glowing.rectangle((6.0, -2.0, 3.0), (0.5, -1.0, 0), (-0.4, -0.2, 0.9), (3.0, 2.0, 1.0))
@@ -115,6 +117,7 @@ def test_a_pixel_across_the_horizon_has_the_mean_light_of_its_places():
         assert irradiance[at].sum() == pytest.approx(wanted[at].sum(), rel=0.02)
 
 
+@pytest.mark.one_python
 def test_an_occluder_shadows_and_the_emitter_itself_does_not():
     """The share that passes a half plane's edge, by points on the panel; the panel is an occluder, as in a scene."""
     mesh = syn.plane_mesh()
@@ -215,7 +218,7 @@ def test_views_lit_by_panels_are_solved():
     views = [View(Path(f"{c}_{k}.exr"), cam, (), environment=_light(panel))
              for c, cam in enumerate(syn.cameras(3)) for k, panel in enumerate(_panels())]
     shoot = _shot(views)
-    rough, base = _errors(shoot, model="one-lobe")
+    rough, base = _errors(shoot, model="one-lobe", **AS_GIVEN)
     assert rough < 0.02 and base < 0.01
     rough, base = _errors(shoot, model="auto")
     assert rough < 0.03 and base < 0.015
@@ -244,7 +247,7 @@ def test_a_soft_box_like_a_wall_lights_what_its_middle_does_not():
     shoot = _shot(lit)
     told = tuple(View(view.image, view.camera, (lamps[n % 2],)) for n, view in enumerate(lit))
     shoot = replace(shoot, scene=replace(shoot.scene, views=told))
-    rough, base = _errors(shoot, model="one-lobe")
+    rough, base = _errors(shoot, model="one-lobe", **AS_GIVEN)
     assert rough < 0.03 and base < 0.01
 
 

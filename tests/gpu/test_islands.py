@@ -29,7 +29,7 @@ def torn_mesh() -> syn.MeshArrays:
     return replace(mesh, uvs=np.stack([u, mesh.uvs[..., 1]], -1).astype(np.float32))
 
 
-@pytest.mark.parametrize("pixels", [40, 72])
+@pytest.mark.parametrize("pixels", [40, pytest.param(72, marks=pytest.mark.one_python)])
 def test_paint_beyond_a_seam_stays_there(pixels):
     """Pictures average 6 x 6 rays in a pixel.  A texel that a pixel of both islands shows differs from the mean of
     the two paints by 0.3 in a channel.
@@ -45,6 +45,7 @@ def test_paint_beyond_a_seam_stays_there(pixels):
     assert np.median(off[beside]) < 0.01
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("footprint", [0.01, 1.0, 1.5])
 def test_pixels_at_a_seam_are_marked(on_gl, footprint):
     """Where a corner of the footprint lies beyond the seam, by rays; beside the plane nothing mixes in."""

@@ -27,7 +27,7 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.solve import block_solve, pipeline, tiled_solve
 from irpso_addon.solve.plan_preparation import TiledRequest, prepare
 from tests.support import synthetic as syn
-from tests.support.shoots import rig
+from tests.support.shoots import AS_GIVEN, rig
 
 SIZE, BLOCK = 128, 64  # texels
 PIXELS = 72
@@ -103,6 +103,7 @@ def off(found: Found, where: np.ndarray) -> tuple[float, float]:
             float(np.abs(found["roughness"] - WAVES.roughness(u, v))[where].mean()))
 
 
+@pytest.mark.one_python
 def test_blocks_are_as_right_as_one_piece(blocks: Found, one_piece: Found) -> None:
     solved = (blocks["filled"] < 0.5) & (one_piece["filled"] < 0.5)
     assert solved.sum() > 0.98 * one_piece["coverage"].sum()
@@ -114,6 +115,7 @@ def test_blocks_are_as_right_as_one_piece(blocks: Found, one_piece: Found) -> No
     assert apart < 0.1 * whole_base
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("name", ["basecolor", "roughness", "confidence"])
 def test_no_border_of_blocks_shows(blocks: Found, one_piece: Found, name: str) -> None:
     """Steps from texel to texel across the border beside the same steps of one piece, which has no border there."""
@@ -129,6 +131,7 @@ def test_no_border_of_blocks_shows(blocks: Found, one_piece: Found, name: str) -
     assert steps(blocks) < 1.15 * steps(one_piece) + 1e-4
 
 
+@pytest.mark.one_python
 def test_holes_beyond_a_block_are_filled_from_the_plan(blocks: Found, one_piece: Found) -> None:
     outside = ~one_piece["coverage"]
     apart = np.abs(blocks["basecolor"] - one_piece["basecolor"])[outside]
@@ -147,12 +150,12 @@ def test_a_block_has_the_plans_specular_level(scene: SceneData, tmp_path: Path) 
 @pytest.mark.one_python
 def test_blocks_find_the_levels_of_their_texels(tmp_path: Path) -> None:
     scene = in_files(syn.VARIED, rig(1, 16), tmp_path)
-    found = solve(scene, tmp_path / "out", model="auto")
+    found = solve(scene, tmp_path / "out", model="auto", **AS_GIVEN)
     plan, solved = found["plan"].solution, found["filled"] < 0.5
     assert plan.priors["Paint"].level_strength > 0 and plan.levels == {}
     off = np.abs(np.log(found["specular"] / syn.levels_of_varied(SIZE)))
     assert np.median(off[solved]) < 0.05
-    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto"))).maps
+    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto", **AS_GIVEN))).maps
     apart = np.abs(found["specular"] - whole.specular)[solved]
     assert np.quantile(apart, 0.999) < 1e-3 and apart.max() < 0.05
 
@@ -170,13 +173,13 @@ def test_blocks_have_the_plans_metallic_on_their_metal_alone(tmp_path: Path) -> 
     truth = syn.Truth(lambda u, v: np.where(is_metal(u, v)[..., None], (0.9, 0.7, 0.4), (0.2, 0.4, 0.5)),
                       lambda u, v: np.where(is_metal(u, v), 0.3, 0.5), reflect=reflect)
     scene = in_files(truth, rig(1, 12), tmp_path)
-    found = solve(scene, tmp_path / "out", model="auto")
+    found = solve(scene, tmp_path / "out", model="auto", **AS_GIVEN)
     plan, solved = found["plan"].solution, found["filled"] < 0.5
     assert plan.paint["Paint"] == pytest.approx(0.5, abs=0.2) and plan.maps.metallic is not None
     assert set(np.unique(found["metallic"])) == {0.0, np.float32(plan.metallic["Paint"])}
     metal = is_metal(*np.meshgrid(*2 * [(np.arange(SIZE) + 0.5) / SIZE]))
     assert np.mean(((found["metallic"] > 0) == metal)[solved]) > 0.98
-    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto"))).maps
+    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto", **AS_GIVEN))).maps
     assert np.mean((found["metallic"] == whole.metallic)[solved]) > 0.995
     rough = np.abs(found["roughness"] - np.where(metal, 0.3, 0.5))
     sure = found["confidence"] > 0.5
@@ -188,12 +191,12 @@ def test_blocks_have_the_plans_metallic_on_their_metal_alone(tmp_path: Path) -> 
 def test_blocks_have_the_plans_diffuse_roughness(tmp_path: Path) -> None:
     truth = replace(WAVES, reflect=partial(brdf.principled, diffuse_roughness=0.7))
     scene = in_files(truth, rig(1, 16), tmp_path)
-    found = solve(scene, tmp_path / "out", model="auto")
+    found = solve(scene, tmp_path / "out", model="auto", **AS_GIVEN)
     solved = found["filled"] < 0.5
     assert found["plan"].solution.diffuse_roughness == {"Paint": pytest.approx(0.7, abs=0.03)}
     base, rough = off(found, solved)
     assert base < 0.01 and rough < 0.05  # from pictures of 72 pixels
-    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto"))).maps
+    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto", **AS_GIVEN))).maps
     assert np.quantile(np.abs(found["basecolor"] - whole.base_color)[solved], 0.99) < 0.01
     assert np.quantile(np.abs(found["roughness"] - whole.roughness)[solved], 0.99) < 0.01
 

@@ -75,6 +75,7 @@ def _seen_of_points(size: int) -> list[tuple[np.ndarray, ...]]:
     return [_seen(lamp, size, 1.0)[:3] for lamp in lamps]
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("roughness", [0.05, 0.1])
 def test_pixels_hold_all_of_a_highlight_that_is_smaller_than_they_are(roughness):
     """The highlights of points, summed over coarse pixels and over many that resolve them."""

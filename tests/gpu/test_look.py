@@ -32,7 +32,8 @@ def looks(shoot: syn.Shoot, **settings: Any) -> dict[str, Live]:
     seen: dict[str, Live] = {}
 
     def job() -> Generator[Progress, None, None]:
-        for step in pipeline.solve(shoot.scene, SolveSettings(size=shoots.SIZE, **settings), shoot.read_image):
+        chosen = SolveSettings(size=shoots.SIZE, **shoots.AS_GIVEN, **settings)
+        for step in pipeline.solve(shoot.scene, chosen, shoot.read_image):
             if step.look is not None:
                 live = step.look()
                 half = "early" if step.fraction <= 0.6 else "late"  # the search is the first half of the solve stage
@@ -64,6 +65,7 @@ def test_what_is_sure_while_it_runs_is_right(noisy: syn.Shoot, part: str) -> Non
     assert off[confident].mean() < 0.5 * off[~confident].mean()
 
 
+@pytest.mark.one_python
 def test_the_published_swarm_is_never_sure(noisy: syn.Shoot) -> None:
     seen = looks(noisy, method="paper", iterations=60, model="one-lobe")
     swarm = next(live for name, live in seen.items() if "base_color" in name and "roughness" in name)
@@ -83,7 +85,7 @@ def test_no_look_shows_what_nobody_has_written(noisy: syn.Shoot, monkeypatch: py
         return made(self, width, height, channels, data, dtype)
 
     def job() -> Generator[Progress, None, None]:
-        settings = SolveSettings(size=shoots.SIZE, method="paper", iterations=20, model="one-lobe")
+        settings = SolveSettings(size=shoots.SIZE, method="paper", iterations=20, model="one-lobe", **shoots.AS_GIVEN)
         for step in pipeline.solve(noisy.scene, settings, noisy.read_image):
             if step.look is not None and "roughness" in (maps := step.look().maps):
                 roughest.append(float(np.nan_to_num(maps["roughness"]).max()))

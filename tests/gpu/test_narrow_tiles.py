@@ -17,6 +17,7 @@ SIZE = 144  # more than a narrow tile is wide
 MANY = (0,) * 9 + (1,) * 8
 
 
+@pytest.mark.one_python
 def test_narrow_tiles_give_the_same_bytes(on_gl, monkeypatch):
     texels = random_texels(MANY, 1, lights=1, size=SIZE)
 

@@ -178,6 +178,7 @@ def test_every_particle_moves_about_equally_often(on_gl):
     assert len(set(pairwise(moved))) == 16  # in no order
 
 
+@pytest.mark.one_python
 def test_the_equation_as_printed_diverges_and_the_constricted_one_stays(on_gl):
     arrays = random_arrays()
     low = np.array([0, 0, 0, 0.05], np.float32)

@@ -44,6 +44,7 @@ FAR = np.hypot(U - MIDDLE[0], V - MIDDLE[1])
 INSIDE, OUTSIDE = FAR < 0.19, FAR > 0.21 + 6 / SIZE  # beyond any seam
 
 
+@pytest.mark.one_python
 def test_inside_as_the_whole_solve_outside_as_before(patches: syn.Shoot, whole: Solution) -> None:
     before = spoilt(whole)
     part = shoots.run(disc(patches, start=before), size=SIZE)
@@ -97,6 +98,7 @@ def test_a_material_has_one_model(patches: syn.Shoot, whole: Solution, model: st
     assert shoots.run(disc(patches), model=model).model == {"Paint": model}  # nothing is kept
 
 
+@pytest.mark.one_python
 def test_two_materials_each_keep_their_own(patches: syn.Shoot) -> None:
     """A region that ends where a material does: that one may get another model."""
     mesh = syn.plane_mesh(lambda u, v: u > 0.5, ("Left", "Right"))

@@ -45,6 +45,7 @@ def shot(shift: tuple[float, float] = (0.0, 0.0)) -> syn.Shoot:
     return replace(made, scene=replace(made.scene, views=views))
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.5, 0.25)])
 def test_vertices_at_pixel_centres_are_no_shift(shift: tuple[float, float]) -> None:
     """And a shift of such a camera is found as it is."""

@@ -92,6 +92,7 @@ def test_without_outliers_it_is_the_squares(on_gl, metallic, wide):
     assert np.allclose(robust[..., :3], plain[..., :3], rtol=0.03 if metallic else 0.01, atol=1e-5)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("noise", "share_of", "found"), [
     (0.0, 0.0, False), (0.002, 0.0, False), (0.01, 0.0, False), (0.05, 0.0, False),
     (0.002, 0.05, True), (0.01, 0.1, True), (0.05, 0.1, True), (0.01, 0.3, True)])

@@ -84,6 +84,7 @@ def test_padding_continues_the_island(solved):
         assert np.abs(beside - edge).max() < 0.02
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("size", [50, 100])
 def test_sizes_that_are_no_power_of_two(patches, size):
     found = errors(run(patches, size=size), syn.PATCHES)
@@ -194,6 +195,7 @@ def test_noise_lowers_confidence(solved):
 # ---- which model
 
 
+@pytest.mark.one_python
 def test_auto_chooses_lambert_where_nothing_shines():
     dull = replace(syn.PATCHES, lobe=lambda u, v: np.zeros_like(u))
     found = run(syn.shoot(dull, rig()))
@@ -239,6 +241,7 @@ def raw(solution: Solution) -> list[bytes]:
     return [a.tobytes() for a in (maps.base_color, maps.roughness, maps.confidence, maps.error, maps.filled)]
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("method", METHODS)
 def test_the_same_run_gives_the_same_bytes(patches, solved, method):
     assert raw(run(patches, method=method)) == raw(solved[method])

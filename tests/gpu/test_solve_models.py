@@ -17,7 +17,7 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
 from irpso_addon.solve import pipeline
 from tests.support import synthetic as syn
-from tests.support.shoots import errors, rig, run
+from tests.support.shoots import AS_GIVEN, errors, rig, run
 from tests.support.texels import held
 
 SIZE = 48
@@ -45,6 +45,7 @@ def solved(found: Solution) -> np.ndarray:
     return found.maps.coverage & ~found.maps.filled
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("settings", [{"model": "one-lobe-specular"}, {}, {
     "model": "one-lobe-specular", "specular": "texel"}], ids=["material", "auto", "texel"])
 def test_a_specular_level_comes_out(shoots, settings):
@@ -132,7 +133,7 @@ def test_a_stop_keeps_what_was_found_and_leaves_nothing(on_gl, shoots, monkeypat
 
     def job(stop: int | None) -> Any:
         def steps() -> Any:
-            inner = pipeline.solve(shoot.scene, SolveSettings(size=16, **settings), shoot.read_image)
+            inner = pipeline.solve(shoot.scene, SolveSettings(size=16, **AS_GIVEN, **settings), shoot.read_image)
             count = 0
             try:
                 while True:

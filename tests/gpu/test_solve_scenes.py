@@ -172,11 +172,13 @@ def test_too_few_views_are_said(patches):
 # ---- every kind of lamp, camera and view
 
 
+@pytest.mark.one_python
 def test_lamps_of_colour():
     """All lamps (1, .6, .2): the base colour is what is under white light."""
     check(syn.shoot(syn.PATCHES, rig(power=(100.0, 60.0, 20.0))))
 
 
+@pytest.mark.one_python
 def test_lamps_of_many_colours():
     lamps = [replace(light, power=100 * np.roll([1.0, 0.6, 0.2], i)) for i, light in enumerate(syn.lamps(8))]
     check(syn.shoot(syn.PATCHES, [(c, [light]) for c in syn.cameras(2) for light in lamps]))
@@ -189,11 +191,13 @@ def test_lamps_of_pure_colours():
     check(syn.shoot(syn.PATCHES, [(c, [light]) for c in syn.cameras(2) for light in lamps]), tail=0.02)
 
 
+@pytest.mark.one_python
 def test_two_lamps_in_one_view():
     lamps = syn.lamps(8)
     check(syn.shoot(syn.PATCHES, [(c, [lamps[i], lamps[(i + 3) % 8]]) for c in syn.cameras(2) for i in range(8)]))
 
 
+@pytest.mark.one_python
 def test_two_lamps_of_different_colour_in_one_view():
     lamps = [replace(light, power=100 * np.roll([1.0, 0.5, 0.2], i)) for i, light in enumerate(syn.lamps(8))]
     check(syn.shoot(syn.PATCHES, [(c, [lamps[i], lamps[(i + 4) % 8]]) for c in syn.cameras(2) for i in range(8)]))
@@ -236,11 +240,13 @@ def test_lamps_with_a_size(kind, settings):
           rough=1.5e-3, base=5e-4, tail=0.006)
 
 
+@pytest.mark.one_python
 def test_orthographic_cameras():
     cameras = syn.cameras(2, width=2.3)
     check(syn.shoot(syn.PATCHES, [(c, [light]) for c in cameras for light in syn.lamps(8)]))
 
 
+@pytest.mark.one_python
 def test_pictures_that_are_not_square():
     cameras = syn.cameras(2, aspect=1.5, degrees=40.0, shift=(0.1, -0.05))
     check(syn.shoot(syn.PATCHES, [(c, [light]) for c in cameras for light in syn.lamps(8)], (102, 68)))
@@ -258,6 +264,7 @@ def test_cameras_with_pictures_of_two_sizes():
     check(both)
 
 
+@pytest.mark.one_python
 def test_a_single_camera():
     check(syn.shoot(syn.PATCHES, rig(cameras=1)))
 
@@ -325,6 +332,7 @@ def test_one_view_per_camera_under_many_lamps():
     assert np.median(off.base) < 0.003
 
 
+@pytest.mark.one_python
 def test_slots_of_one_material_decide_together():
     """A material may sit in two slots.  A corner that shows no highlight does not take it from the rest."""
     mesh = syn.plane_mesh(lambda u, v: (u > 0.9) & (v > 0.9), ("Paint", "Paint"))
@@ -350,6 +358,7 @@ def test_more_material_slots_than_an_int_has_bits():
     assert np.median(base[4:-4, SIZE // 2 + 3:-6]) < 1e-4
 
 
+@pytest.mark.one_python
 def test_a_material_of_no_colour_and_a_mirror_like_one():
     """Black, white, smooth and fully rough quarters."""
     hard = syn.Truth(base=syn.quarters([(0.01, 0.01, 0.01), (0.95, 0.95, 0.95), (0.9, 0.1, 0.02), (0.3, 0.3, 0.3)]),
@@ -377,6 +386,7 @@ def test_a_shadow_in_a_picture_that_the_scene_does_not_explain(patches):
 # ---- creases
 
 
+@pytest.mark.one_python
 def test_pixels_at_creases_sharpen_little(monkeypatch):
     """Slopes of the shading normal that change sign within a pixel or two: 0.0029 here, 0.0041 if all count alike."""
 

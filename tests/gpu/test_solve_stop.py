@@ -16,16 +16,17 @@ from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
 from irpso_addon.solve import pipeline
 from tests.support import shoots
 from tests.support import synthetic as syn
-from tests.support.shoots import SIZE, errors, rig, run, turned_away
+from tests.support.shoots import AS_GIVEN, SIZE, errors, rig, run, turned_away
 from tests.support.texels import held
 
 
 def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after: int = 3,
-            message: str = "") -> Solution:
+            message: str = "", **settings: str) -> Solution:
     """Stop at the ``after``-th step of a stage whose message begins so; the pipeline's own answer to Cancelled."""
     monkeypatch.setattr(gpu_atlas, "TILE", (16, 16))
     return thread.run(lambda: shoots.stopped(
-        pipeline.solve(shoot.scene, SolveSettings(size=SIZE), shoot.read_image), stage, after, message))
+        pipeline.solve(shoot.scene, SolveSettings(size=SIZE, **{**AS_GIVEN, **settings}), shoot.read_image),
+        stage, after, message))
 
 
 def test_a_stop_in_the_search_keeps_what_was_found(patches, monkeypatch):
@@ -60,7 +61,7 @@ def test_a_stop_while_models_are_tried_keeps_the_first_fit(after):
     even = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.3))
     shoot = syn.shoot(even, rig(2, 8), noise=0.01)
     found = thread.run(lambda: shoots.stopped(
-        pipeline.solve(shoot.scene, SolveSettings(size=SIZE), shoot.read_image), "solve", after))
+        pipeline.solve(shoot.scene, SolveSettings(size=SIZE, **AS_GIVEN), shoot.read_image), "solve", after))
     assert found.cancelled and not found.predictions
     assert np.median(errors(found, even).rough) < 0.02
 
@@ -74,6 +75,7 @@ def test_a_stop_at_any_step_of_the_search_gives_a_solution(patches, monkeypatch,
     assert found.texels["solved"] > 0
 
 
+@pytest.mark.one_python
 def test_a_stop_in_the_base_colour_keeps_the_roughness(patches, solved, monkeypatch):
     found = stopped(patches, "maps", monkeypatch)
     assert found.cancelled
@@ -152,9 +154,11 @@ def test_nothing_is_left_on_the_device(on_gl, patches):
 
 
 def test_a_stop_leaves_nothing_on_the_device(on_gl, patches, monkeypatch):
-    stopped(patches, "solve", monkeypatch)
+    """Of what looks for wrong lamps and normals neither."""
+    auto = dict.fromkeys(AS_GIVEN, "auto")
+    stopped(patches, "solve", monkeypatch, **auto)
     before = on_gl(held)
-    stopped(patches, "solve", monkeypatch)
+    stopped(patches, "solve", monkeypatch, **auto)
     assert on_gl(held) <= before
     with pytest.raises(Cancelled):
         stopped(patches, "observe", monkeypatch)

@@ -71,6 +71,7 @@ def solved(patch: pytest.MonkeyPatch, slope: float, tilts: bool) -> Found:
                  float((off < 1.645 * maps.roughness_sigma[inner]).mean()))
 
 
+@pytest.mark.one_python
 def test_normals_that_are_off_are_not_taken_for_roughness(monkeypatch) -> None:
     """Waves of a quarter of a degree: found are 0.0130 with tilts and 0.0201 without."""
     with_tilts, without = (solved(monkeypatch, 0.005, tilts) for tilts in (True, False))
@@ -79,6 +80,7 @@ def test_normals_that_are_off_are_not_taken_for_roughness(monkeypatch) -> None:
     assert with_tilts.held > without.held + 0.05
 
 
+@pytest.mark.one_python
 def test_where_normals_are_right_little_is_lost(monkeypatch) -> None:
     """Found are 0.0071 and 0.0068."""
     with_tilts, without = (solved(monkeypatch, 0.0, tilts) for tilts in (True, False))
@@ -213,6 +215,7 @@ def test_how_far_tilts_widen_what_is_expected(on_gl) -> None:
     np.testing.assert_array_equal(fits[some, 0, 3], (twin.good - twin.groups_seen)[some])
 
 
+@pytest.mark.one_python
 def test_a_solve_goes_by_how_large_tilts_seem_to_be(monkeypatch) -> None:
     """Three cameras, four lamps each, right normals: tilts as usual cost 0.13 nats a degree of freedom.
 

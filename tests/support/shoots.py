@@ -19,11 +19,13 @@ from tests.support import synthetic as syn
 
 SIZE = 64
 METHODS = ("refined", "swarm")
+# To look for what lamps, exposures and normals have wrong takes longer than a solve: for tests of something else.
+AS_GIVEN = {"lamps": "given", "exposures": "given", "normals": "mesh"}
 
 
 def run(shoot: syn.Shoot, **settings: Any) -> Solution:
     """Lamps, exposures and normals as given, where ``settings`` do not say otherwise: what is wrong is to be seen."""
-    chosen = SolveSettings(**{"size": SIZE, "lamps": "given", "exposures": "given", "normals": "mesh", **settings})
+    chosen = SolveSettings(**{"size": SIZE, **AS_GIVEN, **settings})
     return thread.run(lambda: pipeline.solve(shoot.scene, chosen, shoot.read_image))
 
 
