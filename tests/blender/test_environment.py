@@ -14,7 +14,8 @@ bpy = pytest.importorskip("bpy")
 
 from irpso_addon.blender.scene.scene_world import is_black, read_environment  # noqa: E402
 from irpso_addon.core.errors import BadInput  # noqa: E402
-from irpso_addon.core.images.environment_image import seen_from  # noqa: E402
+from irpso_addon.core.images.clipped_lights import BrightestPixels  # noqa: E402
+from irpso_addon.core.images.environment_image import read_environment_image, seen_from  # noqa: E402
 from irpso_addon.core.shading.environment import texel_directions  # noqa: E402
 from tests.support import skies  # noqa: E402
 
@@ -287,6 +288,20 @@ def test_a_sun_that_is_cut_off_is_named(picture, tmp_path):
     image.pack()
     read_environment(world, 0.0, said.append)
     assert len(said) == 2 and re.search(line, said[1])
+
+
+def test_real_pictures_are_named_only_where_they_are_cut_off():
+    """Those that come with Blender, whole, and with their hundred brightest pixels cut off."""
+    folder = Path(bpy.utils.resource_path("LOCAL")) / "datafiles" / "studiolights" / "world"
+    named = []
+    for path in folder.glob("*.exr"):
+        assert not any("clipped" in line for line in read_environment_image(path, None)[1])
+        picture = np.asarray(OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT))[..., :3].clip(0)
+        cut = BrightestPixels()
+        cut.add(np.minimum(picture, np.sort(picture.max(-1).ravel())[-101]))
+        named.append(cut.clipped() > 0)
+    assert len(named) == 8
+    assert sum(named) >= 6  # skies without a sun lack little then
 
 
 def test_a_texture_without_an_image_is_refused(picture):
