@@ -15,7 +15,7 @@ from irpso_addon.core.tiled.tiled_plan import PriorKnowledge
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservedTexels
 from irpso_addon.gpu.solve.map_around import MapAround
-from irpso_addon.gpu.solve.material_sample import Squares, packed, spread_squares
+from irpso_addon.gpu.solve.material_sample import ArraySample, Squares, Thinned, packed, spread_squares
 from irpso_addon.gpu.solve.model_prediction import Decision, ModelPrediction
 from irpso_addon.gpu.solve.prediction_trials import Fitted
 from irpso_addon.gpu.solve.solver import Solver
@@ -127,3 +127,22 @@ def test_texels_that_know_roughness_from_neighbours_are_not_drawn_to_one(on_gl: 
     assert decision.model == "one-lobe" and decision.prior is None
     assert decision.prediction.taken == "a value a texel"
     assert decision.prediction.error.relative_rms < 0.05  # 0.039
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_a_sample_leaves_what_it_was_made_from(on_gl: Any, stride: int) -> None:
+    """Of half of the texels: the others' observations are hidden in the sample alone."""
+    observed = carried_flash(waves(0.35), 0.01)
+    before = observed.quality.copy()
+    texels = np.zeros(before.shape[:2], bool)
+    texels[:, ::4] = True
+
+    def job(device: Device) -> None:
+        with device.scope():
+            source = ArraySource(device, observed, principled_table())
+            sample = packed(device, source, texels, Thinned(stride))
+            assert isinstance(sample, ArraySample)
+            assert not sample.texels.quality[~texels[stride // 2::stride, stride // 2::stride]].any()
+
+    on_gl(job)
+    assert np.array_equal(observed.quality, before)

@@ -194,8 +194,8 @@ def test_auto_says_what_it_foresaw() -> None:
     seen = rig.geometry(rig.views(rig.sphere(24), rig.CAMERAS, rig.lamps(rig.LAMPS)))
     found = recover(Device(), seen, rig.observe(seen.views, truth), "auto", loss="auto")
     assert found.prediction is not None
-    assert found.prediction.taken in foreseen.TRIALS
-    assert found.maps.model == foreseen.TRIALS[found.prediction.taken] == "one-lobe-metallic"
+    assert "metallic" in found.prediction.taken
+    assert found.maps.model == "one-lobe-metallic"
     one = found.uniform()
     assert one.metallic == pytest.approx(0.6, abs=0.02)
     L, V = directions(100, 10), directions(100, 11)
@@ -209,7 +209,7 @@ def test_foreseen_beside_the_truth() -> None:
     np.testing.assert_allclose(ratios, [1.0, 3.0])
     beside = foreseen.beside(materials, lambda j: j.as_predicted.relative_rms, foreseen.smaller)
     np.testing.assert_allclose([case.ratio for case in beside], [0.5, 1.5])
-    assert "| one value | one-lobe | 2 | 0 | 0 | 0 |" in foreseen.taken(materials)
+    assert "| one value | 2 | 0 | 0 | 0 |" in foreseen.taken(materials)
     (_, rows), _ = foreseen.beside_rungs(materials)
     assert "wrong, sphere, no noise: 1.50 times" in [row[-1] for row in rows]
     assert "wrong on the sphere, no noise" in foreseen.said_of_ratios(materials)

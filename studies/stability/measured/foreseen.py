@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ from matplotlib.lines import Line2D
 from irpso_addon.core.change_records import PredictionError
 from irpso_addon.core.data import F64
 from irpso_addon.core.models import LADDER
-from irpso_addon.gpu.solve.prediction_trials import DRAWN, DRAWN_LEVEL, DRAWN_METAL, FITTED, UNIFORM, UNIFORM_METAL
 from studies import pages
 
 from .judge import Judgement
@@ -34,10 +34,10 @@ MARKS = ("o", "^")  # sphere, cow
 NARROW = 0.1  # Beckmann's m: highlights below it are narrow
 CLEARLY = 1.05  # times the other's error: less is not worth a word
 MIDDLE = 5, 50, 95  # percentiles: the median, and the range of 90 %
-# What ``auto`` may take, from the smallest on, and the rung that it is.
-TRIALS = {LAMBERT: LAMBERT,
-          **{trial.name: trial.model for trial in (*UNIFORM, UNIFORM_METAL, *DRAWN, *DRAWN_LEVEL, *DRAWN_METAL)},
-          **{name: rung for rung, name in FITTED.items()}}
+# What candidates may have beside, as their names say it.
+BESIDE = {"coat": "of these with a coat", "base color": "base colours drawn to the material's",
+          "settled": "values settled by prediction", "rough diffuse": "a rough diffuse"}
+SUFFIXES = ", one base color", ", base color prior", ", settled"
 
 
 @dataclass(frozen=True)
@@ -105,16 +105,19 @@ def _panel(axis: Axes, cases: Sequence[Foreseen], what: str, unit: str) -> None:
 
 
 def taken(materials: Sequence[Material]) -> str:
-    """How often ``auto`` took what, as a table."""
-    rows = []
-    for name, rung in TRIALS.items():
-        counts = [sum(m.predictions[s].taken == name for m in materials if s in m.predictions) for s in SCENES]
-        if any(counts):
-            rows.append([name, rung, *map(str, counts)])
-    none = [sum(s not in m.predictions for m in materials) for s in SCENES]
-    if any(none):
-        rows.append(["no prediction", "", *map(str, none)])
-    return pages.table(["taken", "rung", *SCENES], rows)
+    """How often ``auto`` took what, as a table: candidates, and of these what has something beside."""
+    found = {s: [m.predictions[s].taken if s in m.predictions else "no prediction" for m in materials] for s in SCENES}
+    plain = {s: Counter(_plain(name) for name in names) for s, names in found.items()}
+    total = sum(plain.values(), Counter())
+    rows = [[name, *(str(plain[s][name]) for s in SCENES)] for name, _ in total.most_common()]
+    rows += [[f"*{words}*", *(str(sum(part in name for name in found[s])) for s in SCENES)]
+             for part, words in BESIDE.items() if any(part in name for names in found.values() for name in names)]
+    return pages.table(["taken", *SCENES], rows)
+
+
+def _plain(name: str) -> str:
+    """A candidate's name without what it has beside."""
+    return next((name[:name.index(part)] for part in SUFFIXES if part in name), name)
 
 
 def ratios(materials: Sequence[Material]) -> Table:

@@ -172,4 +172,5 @@ def _looked_up(texels: Recovered, normal: F64) -> Principled:
         look(grid[..., None], else_[None])[:, 0] for grid, else_ in
         ((maps.roughness, one.roughness), (maps.roughness2, one.roughness2), (maps.weight, one.weight),
          (maps.level, one.level)))
-    return Principled(maps.model, look(maps.base, one.base), roughness, roughness2, weight, level, maps.metallic)
+    return Principled(maps.model, look(maps.base, one.base), roughness, roughness2, weight, level, maps.metallic,
+                      maps.coat, maps.diffuse_roughness)
