@@ -19,6 +19,7 @@ from irpso_addon.core.job import run_to_end
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.lights import extent_of, light_irradiance, with_extent
 from tests.support import tilted_sphere as balls
+from tests.support.ball_in_room import ball as ball_in_room
 from tests.support.tilted_sphere import Reflect
 
 POINTS = 200  # of a sun
@@ -97,6 +98,12 @@ def test_suns_that_are_smaller_than_believed() -> None:
 def test_points_stay_points(reflect: Reflect, settings: dict[str, float]) -> None:
     """Noise, bumps, suns that stand elsewhere, and a diffuse that is not Lambert's are no size."""
     assert found(ball(0.0, reflect, **settings)) is None
+
+
+@pytest.mark.parametrize("around", [0.01, 0.03, 0.1])
+def test_light_from_all_around_is_no_size(around: float) -> None:
+    """It reaches what faces away from the lamps too."""
+    assert found(ball_in_room(around)) is None
 
 
 def test_a_size_is_changed_as_pictures_show_it() -> None:

@@ -69,7 +69,7 @@ def lamp_size(sample: RigSample, folds: Folds, first: RigFound) -> Steps[LampSiz
         return None
     under, brighter = sized(sample, reach * best)
     then = yield from _materials(under)
-    if then.common[1] > LEFT * first.common[1]:
+    if then.common[1] > LEFT * first.common[1] or (yield from _rival(sample)) < then.common[1]:
         return None
     contest = Contest(sample, first, folds, highlights=True)
     lobes = lobes_of(under, under.texels, then.materials)
@@ -81,6 +81,19 @@ def lamp_size(sample: RigSample, folds: Folds, first: RigFound) -> Steps[LampSiz
     error = yield from search.error(best)
     error = max(error, OBSERVED * abs(best - given / reach))
     return LampSize(reach * best, reach * error, before, after)
+
+
+def _rival(sample: RigSample) -> Steps[float]:
+    """What neighbours leave over in common where another single number explains the pictures: the least of it.
+
+    Light from all around reaches what faces away from a lamp too.
+    """
+    none = Free(False, False, levels=not sample.scale_known)
+    least = np.inf
+    for free in (replace(none, ambient=True), replace(none, vignetting=True), replace(none, response=True)):
+        found = yield from fit_rig(sample, free)
+        least = min(least, found.common[1])
+    return float(least)
 
 
 class _Search:
@@ -122,9 +135,11 @@ class _Search:
 
     def _at(self, size: float) -> Steps[float]:
         size = min(max(size, 0.0), WIDEST)
-        if size not in self.common:
-            found = yield from _materials(sized(self.sample, self.reach * size)[0])
-            self.common[size] = found.common[1]
+        for known, common in self.common.items():
+            if abs(known - size) < STEP / 4:
+                return common
+        found = yield from _materials(sized(self.sample, self.reach * size)[0])
+        self.common[size] = found.common[1]
         return self.common[size]
 
 
