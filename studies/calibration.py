@@ -19,6 +19,7 @@ from irpso_addon.core.checks.mended_cameras import moved as shifted
 from irpso_addon.core.data import Camera, Light, SceneData, Solution
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.phrases import percent
+from irpso_addon.core.shading.lights import with_extent
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import one_round, pipeline
 from irpso_addon.solve.kept_images import ReadImage
@@ -34,6 +35,7 @@ NAMES = ("knot", "slab", "machine part")
 PLACE, POWER, EXPOSURE = 0.01, 0.03, 0.02  # of a lamp's distance; relative; relative
 VIGNETTING = 4.0
 BLACK = 0.002  # of pictures whose median is 0.06 to 0.35
+WIDTH = 1.2  # metres, of lamps 3 m away that are points or 0.3 m wide
 SHIFT, FOCAL = 0.5, 0.003  # pixels; relative
 PIXELS = 192
 SEED = 1
@@ -49,10 +51,11 @@ class Case:
     exposures: bool = False  # these alone
     vignetting: float = 0.0  # power of the cosine that the scene takes out of pictures that have none
     black: float = 0.0  # that the pictures hold, and the scene does not know of
+    width: float = 0.0  # metres, of all lamps in the scene
 
 
 CASES = (Case("nothing"), Case("exposures", exposures=True), Case("vignetting", vignetting=VIGNETTING),
-         Case("black level", black=BLACK),
+         Case("black level", black=BLACK), Case("width of the lamps", width=WIDTH),
          Case("lamps, exposures", lamps=True),
          Case("lamps, exposures, cameras", lamps=True, cameras=True))
 
@@ -79,7 +82,8 @@ def wrong(scene: SceneData, case: Case, rng: np.random.Generator | None = None, 
     for view in scene.views:
         for light in view.lights:
             if light.name not in lights:
-                lights[light.name] = _off(light, rng) if case.lamps else light
+                wide = with_extent(light, case.width / 2) if case.width else light
+                lights[light.name] = _off(wide, rng) if case.lamps else wide
         if view.camera.name not in cameras:
             cameras[view.camera.name] = _aside(view.camera, rng, pixels) if case.cameras else view.camera
     spread = EXPOSURE if case.lamps or case.exposures else 0.0

@@ -47,6 +47,17 @@ class LampChange:
 
 
 @dataclass(frozen=True)
+class SizeChange:
+    """The size of lamps that are all alike, put right."""
+
+    lights: tuple[str, ...]
+    extent: float  # half of their width, metres; of SUNs the half angle, radians
+    error: float  # its standard error
+    given: float  # what it was
+    sun: bool = False  # whether they are SUNs
+
+
+@dataclass(frozen=True)
 class CameraChange:
     """A camera that was put right, from how it was given: turned about its axis, zoomed, bent and shifted."""
 
@@ -142,6 +153,7 @@ class Calibration:
     ambient: AmbientChange | None = None
     response: ResponseChange | None = None
     black_level: BlackLevelChange | None = None
+    size: SizeChange | None = None
     worlds: tuple[WorldChange, ...] = ()
     overlap: bool = True  # whether views have angles in common: else it may all be the material's
 

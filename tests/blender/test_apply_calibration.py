@@ -93,6 +93,52 @@ def test_a_lamp_gets_another_color(scene, records, keep) -> None:
     assert tuple(second.data.color) == pytest.approx((1.0, 0.8, 0.5))
 
 
+@pytest.mark.parametrize("normalized", [True, False])
+@pytest.mark.parametrize(("kind", "given", "read"), [
+    ("POINT", 0.0, lambda lamp: lamp.radius), ("POINT", 0.1, lambda lamp: lamp.radius),
+    ("SUN", 0.05, lambda lamp: lamp.radius), ("AREA", 0.3, lambda lamp: lamp.size[0] * 3 / 2)])
+def test_lamps_get_another_size(scene, records, keep, module, kind, given, read, normalized) -> None:
+    """What a solve reads is then that size, of a scaled lamp too, and the power that it was."""
+    lamps = [bpy.data.objects[name] for name in ("Light 0", "Light 1")]
+    for lamp in lamps:
+        lamp.data.type = kind
+    data = lamps[0].data
+    lamps[1].data = data
+    other = bpy.data.objects["Light 2"]
+    other.data = data  # no view's: its size stays
+    data.normalize, lamps[0].scale = normalized, (3.0, 1.0, 1.0)
+    for name, value in (("shadow_soft_size", given), ("angle", 2 * given), ("size", 2 * given / 3)):
+        if hasattr(data, name):
+            setattr(data, name, value)
+    bpy.context.view_layer.update()
+    objects = module("blender.scene.scene_objects")
+
+    def light(obj):
+        return objects.read_light(obj, bpy.context.evaluated_depsgraph_get(), lambda line: None)
+
+    before, kept = light(lamps[0]), light(other)
+    assert read(before) == pytest.approx(given)
+    keep(size=records.SizeChange(("Light 0", "Light 1"), 0.2, 0.01, given, kind == "SUN"))
+    apply()
+    bpy.context.view_layer.update()
+    after = light(lamps[0])
+    assert read(after) == pytest.approx(0.2) and lamps[0].data == lamps[1].data
+    np.testing.assert_allclose(after.power, before.power, rtol=1e-5)
+    np.testing.assert_allclose(light(other).power, kept.power)
+    assert other.data == data and read(light(other)) == read(kept)
+
+
+def test_a_size_with_a_driver_stays(scene, records, keep) -> None:
+    """One line says why, and nothing is changed."""
+    lamp = bpy.data.objects["Light 0"].data
+    lamp.keyframe_insert("shadow_soft_size")
+    keep(change(records), size=records.SizeChange(("Light 0",), 0.2, 0.01, 0.0))
+    energy = lamp.energy
+    with pytest.raises(RuntimeError, match="light 'Light 0': keyframes or a driver set its size"):
+        bpy.ops.irpso.apply_calibration()
+    assert lamp.energy == energy
+
+
 def test_lamps_that_hang_on_each_other(scene, records, keep) -> None:
     """Each goes where the solve has it: a child is not moved twice."""
     parent, child = bpy.data.objects["Light 0"], bpy.data.objects["Light 1"]

@@ -26,9 +26,9 @@ def judged(rig: Rig, seed: int = 0, tinted: bool = False) -> Judged:
     groups, views = len(rig.groups), len(rig.views)
     change = RigChange(0.02 * rng.standard_normal((groups, 3)), 0.05 * rng.standard_normal(groups),
                        0.03 * rng.standard_normal(views), 0.7, 0.05, -0.1, 1.5,
-                       black_level=np.array([0.01, 0.02, -0.03]))
+                       black_level=np.array([0.01, 0.02, -0.03]), extent=0.07)
     error = RigChange(np.full((groups, 3), 1e-4), np.full(groups, 1e-4), np.full(views, 1e-4), 0.1,
-                      black_level=np.full(3, 1e-4))
+                      black_level=np.full(3, 1e-4), extent=0.01)
     if tinted:
         change = replace(change, log_tint=0.05 * rng.standard_normal((groups, 3)),
                          log_balance=0.05 * rng.standard_normal((views, 3)))
@@ -48,6 +48,7 @@ def assert_alike(one: SceneData, other: SceneData) -> None:
         assert a.ambient_radiance == b.ambient_radiance == (0.02, 0.03, 0.04)
         for x, y in zip(a.lights, b.lights, strict=True):
             np.testing.assert_allclose(x.matrix, y.matrix, atol=1e-12)
+            assert x.radius == y.radius == 0.07
             np.testing.assert_allclose(x.power, y.power, rtol=1e-12)
 
 

@@ -17,6 +17,7 @@ from irpso_addon.core.change_records import (
     LampChange,
     PredictionError,
     ResponseChange,
+    SizeChange,
     WorldChange,
 )
 from irpso_addon.core.checks.calibration_lines import (
@@ -28,6 +29,7 @@ from irpso_addon.core.checks.calibration_lines import (
     lamp_rows,
     place_change,
     power_change,
+    size_row,
     sure_lamps,
     tint_change,
     world_rows,
@@ -80,6 +82,11 @@ def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = (), **more
      "IRPSO subtracted ambient light of 5.2 % of the lamps' irradiance."),
     (found(black_level=BlackLevelChange((0.0021, 0.0019, 0.0023), 0.0001)),
      "IRPSO subtracted a black level of 0.0021 from all files."),
+    (found(KEY, size=SizeChange(("Key", "Rim"), 0.47, 0.05, 0.01)),
+     "IRPSO changed the width of the lamps from 20 mm to 0.94 m, moved 'Key' by 1.2 % of its distance and changed its "
+     "power by -8.6 %."),
+    (found(size=SizeChange(("Sun",), 0.05, 0.005, 0.0, True)),
+     "IRPSO changed the angle of the suns from 0.0° to 5.7°."),
     (found(response=ResponseChange(1.613, 0.01, 8.26, 0.05)),
      "IRPSO undid a tone curve of exponent 1.61 and shoulder 8.3, because the files have one."),
     (found(KEY, response=ResponseChange(0.954, 0.001)),
@@ -105,6 +112,14 @@ def test_errors_that_read_alike_are_left_out() -> None:
 
 def test_nothing_to_say() -> None:
     assert calibrated(None) == ()
+
+
+def test_the_row_of_a_size() -> None:
+    """Widths, of suns angles, as Blender states them."""
+    assert size_row(found(size=SizeChange(("Key",), 0.47, 0.05, 0.01))) == ("Lamps' Width", "0.94 ± 0.10 m")
+    assert size_row(found(size=SizeChange(("Key",), 0.024, 0.002, 0.0))) == ("Lamps' Width", "48 ± 4 mm")
+    assert size_row(found(size=SizeChange(("Sun",), 0.05, 0.005, 0.0, True))) == ("Suns' Angle", "5.7 ± 0.6°")
+    assert size_row(found(KEY)) is None
 
 
 def test_figures() -> None:

@@ -19,7 +19,17 @@ from ...core.errors import BadInput
 from ...core.phrases import counted, some
 from .change_camera import change_cameras, changeable
 from .change_world import multiply_strength, strengthened, turn_views
-from .move_light import axes_of, check_place, check_power, moved_matrix, multiply_power, object_named, place
+from .move_light import (
+    axes_of,
+    check_place,
+    check_power,
+    check_size,
+    moved_matrix,
+    multiply_power,
+    object_named,
+    place,
+    resize,
+)
 
 
 def apply_calibration(scene: Any, solution: Solution) -> str:
@@ -47,6 +57,8 @@ def _moves(scene: Any, calibration: Calibration, rolls: Mapping[str, float]) -> 
         for light in lights:
             check_place(light)
             check_power(light)
+    for light in _resized(scene, calibration):
+        check_size(light)
     strengthened(calibration.worlds)
     places = {}
     for lamp, lights in zip(calibration.lamps, groups, strict=True):
@@ -72,12 +84,19 @@ def _light(scene: Any, calibration: Calibration, places: Mapping[Any, Any]) -> s
         place(light, places[light])
     for lamp in calibration.lamps:
         multiply_power([object_named(scene, name) for name in lamp.lights], lamp.power, lamp.tint)
+    if calibration.size is not None:
+        resize(_resized(scene, calibration), calibration.size.extent, calibration.size.given)
     for world, factor in strengths.items():
         multiply_strength(world, factor)
     if calibration.worlds:
         brighter = f"strength of {counted(len(strengths), 'world')} changed" if strengths else ""
         return ", ".join(filter(None, [brighter, turn_views(scene, calibration.worlds)]))
-    return f"{counted(len(places), 'lamp')} changed{_expose(scene, calibration)}"
+    return f"{counted(len({*places, *_resized(scene, calibration)}), 'lamp')} changed{_expose(scene, calibration)}"
+
+
+def _resized(scene: Any, calibration: Calibration) -> list[Any]:
+    """Lights whose size is changed."""
+    return [] if calibration.size is None else [object_named(scene, name) for name in calibration.size.lights]
 
 
 def _expose(scene: Any, calibration: Calibration) -> str:

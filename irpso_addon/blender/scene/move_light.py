@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -10,9 +10,9 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core.errors import BadInput
-from .scene_objects import PLACE, animated, world_matrix
+from .scene_objects import PLACE, animated, read_light, world_matrix
 
-POWER = "energy", "color"  # starts of animated paths
+POWER, SIZE = ("energy", "color"), ("shadow_soft_size", "angle", "size")  # starts of animated paths
 
 
 def object_named(scene: Any, name: str, kind: str = "LIGHT") -> Any:
@@ -39,6 +39,12 @@ def check_power(light: Any) -> None:
     if animated(light.data, POWER):
         raise BadInput(f"light '{light.name}': keyframes or a driver set its power or color; remove them, then try "
                        "again")
+
+
+def check_size(light: Any) -> None:
+    """Raises BadInput where the light's size is not its own."""
+    if animated(light.data, SIZE):
+        raise BadInput(f"light '{light.name}': keyframes or a driver set its size; remove them, then try again")
 
 
 def moved_matrix(light: Any, offset: Sequence[float]) -> Matrix:
@@ -79,6 +85,33 @@ def multiply_power(lights: Sequence[Any], factor: float, tint: Sequence[float] =
 
     ``tint``: factors of their red, green and blue beside that.
     """
+    for data in _own_data(lights):
+        data.energy *= factor
+        if any(part != 1.0 for part in tint):
+            data.color = tuple(old * part for old, part in zip(data.color, tint, strict=True))
+
+
+def resize(lights: Sequence[Any], extent: float, given: float) -> None:
+    """Gives lights half a width, metres, of SUNs a half angle, radians, in place of ``given``; as `multiply_power`."""
+    for data in _own_data(lights):
+        one = next(light for light in lights if light.data == data)
+        before = _power(one)
+        if data.type == "SUN":
+            data.angle = 2 * extent
+        elif data.type == "AREA":  # its object may be scaled
+            data.size, data.size_y = data.size * extent / given, data.size_y * extent / given
+        else:
+            data.shadow_soft_size = extent
+        data.energy *= before / _power(one)  # without Normalize, it grows with the size
+
+
+def _power(light: Any) -> float:
+    power = read_light(light, bpy.context.evaluated_depsgraph_get(), lambda line: None).power
+    return max(float(power.mean()), 1e-30)
+
+
+def _own_data(lights: Sequence[Any]) -> Iterator[Any]:
+    """What no other light shares; lights that share it with others get a copy."""
     for data in {light.data for light in lights}:
         own = [light for light in lights if light.data == data]
         changed = data
@@ -86,9 +119,7 @@ def multiply_power(lights: Sequence[Any], factor: float, tint: Sequence[float] =
             changed = data.copy()
             for light in own:
                 light.data = changed
-        changed.energy *= factor
-        if any(part != 1.0 for part in tint):
-            changed.color = tuple(old * part for old, part in zip(changed.color, tint, strict=True))
+        yield changed
 
 
 def axes_of(scene: Any, camera: str) -> np.ndarray:

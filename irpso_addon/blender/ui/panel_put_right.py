@@ -16,6 +16,7 @@ from ...core.checks.calibration_lines import (
     gain_of,
     lamp_rows,
     response_rows,
+    size_row,
     sure_lamps,
     vignetting_row,
     world_rows,
@@ -71,7 +72,8 @@ class IRPSO_PT_put_right(Tab, Panel):
 def _draw_light(layout: bpy.types.UILayout, calibration: Calibration, width: int) -> bool:
     """Rows of lamps, worlds and exposures; whether something of the views is in them."""
     of_views = [row for row in (exposure_row(calibration), balance_row(calibration)) if row is not None]
-    shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), black_row(calibration))
+    shared = [row for row in (size_row(calibration), vignetting_row(calibration), ambient_row(calibration),
+                              black_row(calibration))
               if row is not None] + response_rows(calibration) + world_rows(calibration)
     lamps = [(lamp.lights[0], lamp_rows(lamp)) for lamp in sure_lamps(calibration)]
     _draw_items(layout, lamps, "Lamp")

@@ -17,6 +17,7 @@ from .falloff import edge_falloff
 from .far_exposures import FarExposures, far_exposures
 from .finish import Judged, Larger, ambient_of, final_of, judged_of, weighed
 from .free_numbers import NOTHING, is_far, is_off
+from .lamp_size import LampSize, lamp_size
 from .metals import chosen_of_metals, curve_of_metals, metals_of
 from .own_angles import foretells
 from .rig import RigChange
@@ -104,12 +105,27 @@ def _with_black(
         return None
     black = (yield from black_level(sample, folds, first)) if exposures else None
     if black is None:
-        return (yield from _with_colours(sample, lamps, exposures, larger, normals, first))
+        return (yield from _with_size(sample, lamps, exposures, larger, normals, first))
     light = black.corrected(sample)
     first = yield from _materials(light)
-    judged = yield from _with_colours(
+    judged = yield from _with_size(
         light, lamps, exposures, lambda ambient: black.corrected(larger(ambient)), normals, first)
     return _beside(black, judged, first)
+
+
+def _with_size(
+    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, normals: bool, first: RigFound,
+) -> Steps[Judged | None]:
+    """What else is to be changed, the size of the lamps before all.  ``first``: the materials of the sample."""
+    folds = split(sample.texels)
+    assert folds is not None
+    size = (yield from lamp_size(sample, folds, first)) if lamps else None
+    if size is None:
+        return (yield from _with_colours(sample, lamps, exposures, larger, normals, first))
+    wide = size.corrected(sample)
+    judged = yield from _with_colours(
+        wide, lamps, exposures, lambda ambient: size.corrected(larger(ambient)), normals, (yield from _materials(wide)))
+    return _beside(size, judged, first)
 
 
 def _materials(sample: RigSample) -> Steps[RigFound]:
@@ -132,7 +148,7 @@ def _with_colours(
     return _beside(tints, judged, first)
 
 
-def _beside(found: BlackLevel | Tints | ToneCurve, judged: Judged | None, first: RigFound) -> Judged:
+def _beside(found: BlackLevel | LampSize | Tints | ToneCurve, judged: Judged | None, first: RigFound) -> Judged:
     """What was found before all else, and what was then.  ``first``: the materials, if that is nothing."""
     if judged is None:
         none = RigChange.none(len(first.change.offset), len(first.change.log_gain))
@@ -241,6 +257,12 @@ def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged
         again = yield from found_again(
             straight, curve.corrected(sample), lambda ambient: curve.corrected(more(ambient)))
         return _beside(curve, again, before.found)
+    extent, doubt = before.found.change.extent, before.error.extent
+    if extent is not None and doubt is not None:
+        size = LampSize(extent, doubt, before.given, before.changed)
+        small = replace(before, found=replace(before.found, change=replace(before.found.change, extent=None)))
+        again = yield from found_again(small, size.corrected(sample), lambda ambient: size.corrected(more(ambient)))
+        return _beside(size, again, before.found)
     black = before.found.change.black_level
     if black is None:
         return (yield from _again(before, sample, more))

@@ -33,10 +33,15 @@ GIVEN = "given"
 class Contest:
     """What the given rig and others predict of left-out views, highlights apart."""
 
-    def __init__(self, sample: RigSample, whole: RigFound, folds: Folds, tilts: bool = False) -> None:
-        """``whole``: with all numbers free, of all texels.  ``tilts``: texels' normals are their own numbers too."""
+    def __init__(
+        self, sample: RigSample, whole: RigFound, folds: Folds, tilts: bool = False, highlights: bool = False,
+    ) -> None:
+        """``whole``: with all numbers free, of all texels.  ``tilts``: texels' normals are their own numbers too.
+
+        ``highlights``: they are judged too.
+        """
         self.sample, self.folds, self.tilts = sample, folds, tilts
-        self.judged = diffuse_alone(sample, whole)
+        self.judged = sample if highlights else diffuse_alone(sample, whole)
         odd = np.unique(sample.cluster, return_inverse=True)[1] % 2 == 1
         # Which texels each half has, what says its change, and what is judged:
         self.halves = [(half, sample.part(half), self.judged.part(half)) for half in (odd, ~odd)]

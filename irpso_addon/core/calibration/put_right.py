@@ -14,6 +14,7 @@ from ..change_records import (
     ExposureChange,
     LampChange,
     ResponseChange,
+    SizeChange,
     VignettingChange,
     WorldChange,
 )
@@ -21,6 +22,7 @@ from ..checks.light_checks import moved
 from ..checks.mended_cameras import given_name
 from ..data import F64, Environment, SceneData, View
 from ..shading.environment import about_z
+from ..shading.lights import extent_of, with_extent
 from ..vignetting import corner_stops
 from .contest import SURE
 from .finish import Judged
@@ -56,7 +58,10 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
     """The scene after a change that an earlier solve of it has made."""
     given = {light.name: light for view in scene.views for light in view.lights}
     cameras = {given_name(view): view.camera for view in scene.views}
-    lights = {}
+    size = calibration.size
+    if size is not None:
+        given |= {name: with_extent(given[name], size.extent) for name in size.lights if name in given}
+    lights = {} if size is None else {name: given[name] for name in size.lights if name in given}
     for lamp in calibration.lamps:
         for name, carried in zip(lamp.lights, lamp.cameras or (None,) * len(lamp.lights), strict=True):
             if name in given and (carried is None or carried in cameras):
@@ -140,7 +145,15 @@ def told(rig: Rig, judged: Judged) -> Calibration:
     black = None if change.black_level is None or error.black_level is None else BlackLevelChange(
         _three(change.black_level), float(error.black_level.max()))
     return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response, black,
-                       overlap=judged.overlap)
+                       _resized(rig, change.extent, error.extent), overlap=judged.overlap)
+
+
+def _resized(rig: Rig, extent: float | None, error: float | None) -> SizeChange | None:
+    if extent is None or error is None:
+        return None
+    lights = {light.name: light for view in rig.views for light in view.lights}
+    first = next(iter(lights.values()))
+    return SizeChange(tuple(lights), extent, error, extent_of(first), first.kind == "SUN")
 
 
 def _three(values: F64) -> tuple[float, float, float]:

@@ -13,6 +13,7 @@ import numpy as np
 from ..checks.light_checks import moved
 from ..checks.mended_cameras import given_name
 from ..data import F64, Camera, Light, View
+from ..shading.lights import with_extent
 
 # Of the distance: lamps that stand so alike beside their cameras are one flash.  So do they where a solve has turned
 # cameras by a degree about their axes, and left the flashes.
@@ -58,6 +59,7 @@ class RigChange:
     # (V, 3) of what pictures show in each channel, beside log_gain (tints.py); None: as given
     log_balance: F64 | None = None
     black_level: F64 | None = None  # (3,) to be added to every view's (black_level.py); None: as given
+    extent: float | None = None  # of all lamps, as `extent_of` has it (lamp_size.py); None: as given
 
     @classmethod
     def none(cls, groups: int, views: int) -> RigChange:
@@ -120,7 +122,7 @@ class Rig:
         powers = change.log_power[:, None] + (0.0 if change.log_tint is None else change.log_tint)
         for group, offset, power in zip(self.groups, change.offset, powers, strict=True):
             for name, axes in zip(group.lights, group.axes, strict=True):
-                light = given[name]
+                light = given[name] if change.extent is None else with_extent(given[name], change.extent)
                 for axis, by in enumerate(axes @ offset * group.reach):
                     light = moved(light, axis, float(by)) if by else light
                 result[name] = replace(light, power=light.power * np.exp(power)) if power.any() else light

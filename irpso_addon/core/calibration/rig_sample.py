@@ -139,7 +139,7 @@ class RigGeometry:
         self.slopes: dict[str, tuple[list[float], F64, Bool]] = {}  # by lamp: number of the place, as of `_slopes`
         self.given = self._light(RigChange.none(len(sample.rig.groups), len(sample.rig.views)))
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
-        self.to_camera = [_to_camera(view.camera, sample.position) for view in sample.rig.views]
+        self.to_camera = [to_camera(view.camera, sample.position) for view in sample.rig.views]
         self.given_angles: dict[tuple[int, str], tuple[F64, F64]] = {}  # by view and lamp
         self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
         shown = np.array([(view.gain * 2.0**view.exposure, view.vignetting) for view in sample.rig.views])[sample.view]
@@ -317,7 +317,7 @@ def _lit(sample: RigSample) -> dict[str, Bool]:
     return result
 
 
-def _to_camera(camera: Camera, position: F64) -> F64:
+def to_camera(camera: Camera, position: F64) -> F64:
     """(T, 3) unit vectors."""
     way = np.broadcast_to(-camera.forward, position.shape) if camera.orthographic else camera.position - position
     return np.asarray(way / np.maximum(length(way)[..., None], 1e-12))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..change_records import (
     AmbientChange,
@@ -12,6 +13,7 @@ from ..change_records import (
     ExposureChange,
     LampChange,
     ResponseChange,
+    SizeChange,
     VignettingChange,
     WorldChange,
 )
@@ -31,7 +33,8 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     placed = [lamp for lamp in lamps if lamp.sure_place]
     powered = [lamp for lamp in lamps if lamp.sure_power]
     tinted = [lamp for lamp in lamps if lamp.sure_tint]
-    parts = [*_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
+    parts = [*_sized(calibration.size),
+             *_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
              *_powered(powered, said=powered == placed), *_coloured(tinted), *_exposed(views),
              *_balanced(sure_balances(calibration)),
              *_even(calibration.vignetting), *_surrounded(calibration.ambient), *_straightened(calibration.response),
@@ -163,6 +166,14 @@ def black_row(calibration: Calibration) -> tuple[str, str] | None:
     return None if found is None else ("Black Level", f"{_grey(found):.2g} ± {found.error:.1g}")
 
 
+def size_row(calibration: Calibration) -> tuple[str, str] | None:
+    """"Lamps' Width", "1.10 ± 0.06 m", of suns "Suns' Angle", "5.1 ± 0.3°"; None: it was not changed."""
+    found = calibration.size
+    if found is None:
+        return None
+    return "Suns' Angle" if found.sun else "Lamps' Width", _width(found, 2 * found.error)
+
+
 def world_rows(calibration: Calibration) -> list[tuple[str, str]]:
     """Name and turn of each world that is off beyond doubt, "'Studio'", "+3.1 ± 0.2°"; a row for its strength."""
     rows = []
@@ -212,6 +223,25 @@ def _blackened(found: BlackLevelChange | None) -> list[str]:
 
 def _grey(found: BlackLevelChange) -> float:
     return sum(found.level) / len(found.level)
+
+
+def _sized(found: SizeChange | None) -> list[str]:
+    if found is None:
+        return []
+    before = replace(found, extent=found.given)
+    what = "angle of the suns" if found.sun else "width of the lamps"
+    return [f"changed the {what} from {_width(before)} to {_width(found)}"]
+
+
+def _width(of: SizeChange, error: float | None = None) -> str:
+    """"1.10 ± 0.06 m", "48 ± 3 mm", "5.1 ± 0.3°"."""
+    width, scale, unit, digits = 2 * of.extent, 1.0, " m", 2
+    if of.sun:
+        scale, unit, digits = math.degrees(1.0), "°", 1
+    elif width < 0.1:
+        scale, unit, digits = 1000.0, " mm", 0
+    more = "" if error is None else f" ± {scale * error:.{digits}f}"
+    return f"{scale * width:.{digits}f}{more}{unit}"
 
 
 def _placed(lamps: Sequence[LampChange]) -> list[str]:

@@ -7,6 +7,7 @@ Round lamps (POINT, SPOT, SUN) are, seen from P, cones of uniform radiance of ha
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,22 @@ def light_uniforms(light: Light) -> dict[str, Any]:
         "u_light_ellipse": light.shape in ("DISK", "ELLIPSE"),
         "u_light_spread": (0.0, 0.0) if wide else (float(np.tan(b)), float(1 / (np.tan(b) - b))),
     }
+
+
+def extent_of(light: Light) -> float:
+    """Half of a lamp's width, metres, along the longer side of an AREA lamp; of a SUN the half angle, radians."""
+    if light.kind != "AREA":
+        return light.radius
+    sides = (light.size[0],) * 2 if light.shape in ("SQUARE", "DISK") else light.size
+    return 0.5 * float((np.array(sides) * np.linalg.norm(light.matrix[:3, :2], axis=0)).max())
+
+
+def with_extent(light: Light, extent: float) -> Light:
+    """A lamp of the same shape and power whose `extent_of` is ``extent``."""
+    if light.kind != "AREA":
+        return replace(light, radius=extent)
+    by = extent / max(extent_of(light), SMALLEST)
+    return replace(light, size=(light.size[0] * by, light.size[1] * by))
 
 
 def light_irradiance(light: Light, P: ArrayLike, N: ArrayLike) -> F64:

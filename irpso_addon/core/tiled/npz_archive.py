@@ -29,6 +29,7 @@ from ..change_records import (
     PredictionError,
     RefinedNormals,
     ResponseChange,
+    SizeChange,
     VignettingChange,
     WorldChange,
 )
@@ -58,15 +59,16 @@ from ..storage.atomic_io import replacing
 from ..versions import version
 from .tiled_plan import Noise, Plan, Typical
 
-FORMAT = 28  # of the files; another one is refused
+FORMAT = 29  # of the files; another one is refused
 THING = "thing.json"
 MOST = 1 << 28  # bytes of a packed record
 # The records that a file may hold.  Their names and their fields' names are the file's format: raise FORMAT with them.
 RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (
     NormalMap, MeshArrays, Camera, Lens, Light, Emitter, Environment, View, Region, SceneData, Bounced, Maps, Solution,
-    ViewPicture, Coat, JointPrior, PredictionError, MaterialPrediction, LampChange, CameraChange, ExposureChange,
-    VignettingChange, AmbientChange, ResponseChange, BlackLevelChange, WorldChange, Calibration, RefinedNormals,
-    SolveSettings, Residual, Slope, LightResidual, Misfit, ViewCheck, MaterialCheck, Checks, Noise, Typical, Plan)}
+    ViewPicture, Coat, JointPrior, PredictionError, MaterialPrediction, LampChange, SizeChange, CameraChange,
+    ExposureChange, VignettingChange, AmbientChange, ResponseChange, BlackLevelChange, WorldChange, Calibration,
+    RefinedNormals, SolveSettings, Residual, Slope, LightResidual, Misfit, ViewCheck, MaterialCheck, Checks, Noise,
+    Typical, Plan)}
 _KINDS = "biuf"  # of arrays: truth values, integers, floats
 _TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can tell: else other bytes each time
 
