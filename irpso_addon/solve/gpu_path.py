@@ -226,15 +226,29 @@ class _Views:
     observations: Observations
 
 
-def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Generator[Progress, None, _Views]:
-    """Observe; lamps and exposures put right and normals refined, where that is allowed and pays, observe again."""
+@dataclass(frozen=True)
+class PutRight:
+    """What was put right of cameras and of what lights the views, before normals are looked at."""
+
+    scene: SceneData
+    given: SceneData  # cameras put right alone
+    calibration: Calibration | None
+    in_doubt: Calibration | None
+    judged: Judged | None
+    observations: Observations  # of ``given``
+    observe: Callable[..., Generator[Progress, None, Observations]]  # another scene; ``limits``: other than those
+    limits: ObserveOptions
+
+
+def put_views_right(
+    device: Device, grid: TexelGrid, given: Given, clock: Clock,
+) -> Generator[Progress, None, PutRight]:
+    """Observe; cameras, lamps, exposures and worlds put right, where that is allowed and pays."""
     scene, part, settings = given.scene, given.part, given.settings
     dark = all(view.environment is None for view in scene.views)
-    glows = any(view.environment is not None and view.environment.emitters for view in scene.views)
     allowed = given.calibrates and dark
-    turns = given.calibrates and not dark and not glows and settings.lamps == "auto"
+    turns = given.calibrates and not dark and not _glows(scene) and settings.lamps == "auto"
     calibrates = allowed and "auto" in (settings.lamps, settings.exposures)
-    refines = given.calibrates and not glows and settings.normals == "auto"
     shadows = AmbientShadows(device, grid.mesh, scene.casters)
     limits = ObserveOptions(given.bounced, part, level=given.level, ambient=shadows)
     observed = partial(observe, device, mesh=grid.mesh, read_image=given.read_image, limits=limits)
@@ -255,7 +269,6 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     calibration: Calibration | None = None
     in_doubt: Calibration | None = None
     judged: Judged | None = None
-    normals: NormalsJudged | str = ""
     if calibrates:
         rig, judged = yield from clock.stage("calibrate", _calibrated(
             source(observations), given, texels, grid.maps.facet, shadows))
@@ -266,18 +279,33 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
             "calibrate", _turned(device, source(observations), given, texels, grid))
         if calibration is not None:
             scene = under_worlds(scene, calibration.worlds)
-    if calibration is not None:
+    return PutRight(scene, given.scene, calibration, in_doubt, judged, observations, observed, limits)
+
+
+def _glows(scene: SceneData) -> bool:
+    return any(view.environment is not None and view.environment.emitters for view in scene.views)
+
+
+def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Generator[Progress, None, _Views]:
+    """Views put right, and normals refined, where that is allowed and pays; observed again after either."""
+    part, settings = given.part, given.settings
+    found = yield from put_views_right(device, grid, given, clock)
+    scene, observations, given = found.scene, found.observations, replace(given, scene=found.given)
+    if found.calibration is not None:
         observations.release_views()
-        observations = yield from clock.stage("observe", observed(
-            scene=scene, limits=replace(limits, drawn=observations.cameras)), (0.33, 0.35))
-    if refines:
-        normals = yield from clock.stage("normals", _refined(source(observations), given, texels, grid))
+        observations = yield from clock.stage("observe", found.observe(
+            scene=scene, limits=replace(found.limits, drawn=observations.cameras)), (0.33, 0.35))
+    normals: NormalsJudged | str = ""
+    if given.calibrates and not _glows(scene) and settings.normals == "auto":
+        source = CameraSource(device, part.grid(device, grid.maps), observations, scene.mesh.extent)
+        normals = yield from clock.stage("normals", _refined(source, given, part.solved & grid.coverage, grid))
     if isinstance(normals, NormalsJudged):
         grid.maps.release()
         grid = draw_texels(device, grid.mesh, len(grid.coverage))
         observations.release()
-        observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
-    return _Views(scene, given.scene, calibration, in_doubt, judged, normals, grid, observations)
+        observations = yield from clock.stage("observe", found.observe(scene=scene), (0.33, 0.35))
+    return _Views(
+        scene, given.scene, found.calibration, found.in_doubt, found.judged, normals, grid, observations)
 
 
 def _refined(

@@ -359,7 +359,7 @@ def test_maps_come_back_by_the_command_line(tmp_path, irpso_here):
     views = []
     for n in range(3):
         for name in PANELS:
-            _render(scene, tmp_path / f"{n} {name}.exr", f"Camera {n}", name, 64)
+            _render(scene, tmp_path / f"{n} {name}.exr", f"Camera {n}", name, 24)
             views.append({"image": f"{n} {name}.exr", "camera": f"Camera {n}", "lights": [name]})
     (tmp_path / "captures.json").write_text(json.dumps({"views": views}))
     rig.principled(bpy.data.objects["Ball"], (0.8, 0.8, 0.8), 0.5)

@@ -59,6 +59,8 @@ def under_sky(folder: Path, floor: bool, turns: bool = False, count: int = 6) ->
     sky.node_tree.links.new(place.outputs["Generated"], mapping.inputs["Vector"])
     sky.node_tree.links.new(mapping.outputs["Vector"], node.inputs["Vector"])
     scene.world, scene.cycles.samples = sky, 64 if floor else 16
+    # The map for sampling that Cycles makes by itself is larger: a second for each turn, and slower to draw from.
+    sky.cycles.sampling_method, sky.cycles.sample_map_resolution = "MANUAL", 512
     scene.render.resolution_x = scene.render.resolution_y = 64
     views = []
     for n in range(count):
@@ -92,8 +94,8 @@ def test_light_that_a_floor_bounces_under_a_world_is_subtracted(tmp_path: Path, 
         solved = solution.maps.coverage & ~solution.maps.filled
         solved[16:] = False  # the ball's lower half, which sees the floor
         errors[mode] = np.median(np.abs(solution.maps.base_color[solved] / BASE - 1), axis=0).max()
-    assert errors["off"] > 0.4, errors  # 0.64; under turns 0.47
-    assert errors["auto"] < 0.05, errors  # 0.031; 0.025
+    assert errors["off"] > 0.4, errors  # 0.58; under turns 0.45
+    assert errors["auto"] < 0.05, errors  # 0.035; 0.031
 
 
 @pytest.mark.one_python

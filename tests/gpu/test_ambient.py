@@ -166,7 +166,7 @@ def test_light_from_everywhere_beside_a_carried_flash(count: int) -> None:
     """A response bends brightness alike, so that a fit of both runs away; light from everywhere alone does not."""
     shoot = shoots.carried_flash(count)
     finds_light_alone(shoot, (0.0024, 0.003, 0.0036), 0.2)
-    assert shoots.run(shoot, **AUTO).calibration is None
+    assert shoots.put_right(shoot, **AUTO).calibration is None
 
 
 @pytest.mark.one_python

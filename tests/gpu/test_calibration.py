@@ -46,6 +46,13 @@ def found(solution: Solution) -> Calibration:
     return solution.calibration
 
 
+def put_right(shoot: syn.Shoot) -> Calibration:
+    """For tests that need no maps."""
+    calibration = shoots.put_right(shoot, **AUTO).calibration
+    assert calibration is not None
+    return calibration
+
+
 def rough_error(shoot: syn.Shoot, solution: Solution) -> float:
     return float(np.mean(shoots.errors(solution, shoot.truth).rough))
 
@@ -74,8 +81,8 @@ def test_a_lamp_of_wrong_power(plane) -> None:
 def test_a_lamp_in_the_wrong_place(plane) -> None:
     """0.2 m off, of 3.1."""
     off = np.array([0.12, -0.1, 0.12])
-    solution = shoots.run(relit(plane, lambda x: moved(x, off) if x.name == "Light 3" else x), **AUTO)
-    lamp = next(lamp for lamp in found(solution).lamps if lamp.lights == ("Light 3",))
+    wrong = relit(plane, lambda x: moved(x, off) if x.name == "Light 3" else x)
+    lamp = next(lamp for lamp in put_right(wrong).lamps if lamp.lights == ("Light 3",))
     assert np.linalg.norm(np.array(lamp.offset) + off) < 0.05 * np.linalg.norm(off)
     assert lamp.share == pytest.approx(0.2 / 3.1, rel=0.15) and 0 < max(lamp.offset_error) < 0.03
 
@@ -162,10 +169,10 @@ def test_colours_of_lamps_are_not_a_white_balance(plane) -> None:
     rng = np.random.default_rng(2)
     by = {f"Light {n}": tint for n, tint in enumerate(0.05 * rng.standard_normal((8, 3)))}
     warm = relit(plane, lambda x: replace(x, power=x.power * np.exp(by[x.name])))
-    alone = found(shoots.run(warm, **AUTO))
+    alone = put_right(warm)
     assert not any(view.sure_tint for view in alone.exposures) and any(lamp.sure_tint for lamp in alone.lamps)
     wrong, tints = balanced(warm, 0.02)
-    both = found(shoots.run(wrong, **AUTO))
+    both = put_right(wrong)
     lamps = {lamp.lights[0]: np.log(lamp.tint) for lamp in both.lamps}
     views = {view.image.name: np.log(view.tint) for view in both.exposures}
     # A picture under one lamp shows the sum of both:
@@ -214,7 +221,7 @@ def test_exposures_that_are_off_by_no_more_than_the_noise() -> None:
     by = {name: 0.01 * rng.standard_normal() for name in shoot.images}
     wrong = replace(shoot, images={name: replace(image, rgb=(image.rgb * np.exp(by[name])).astype(np.float32))
                                    for name, image in shoot.images.items()})
-    calibration = found(shoots.run(wrong, **AUTO))
+    calibration = put_right(wrong)
     told = {change.image.name: change.stops * np.log(2) for change in calibration.exposures}
     lamps = {lamp.lights[0]: np.log(lamp.power) for lamp in calibration.lamps}
     left = np.array([told.get(view.image.name, 0.0) + lamps.get(view.lights[0].name, 0.0) - by[view.image.name]
@@ -272,8 +279,7 @@ def test_a_flash_beside_the_camera(count) -> None:
     off = np.array([0.15, -0.1, 0.0])
     shoot = by_flash(count)
     turns = {view.lights[0].name: view.camera.world_to_camera[:3, :3].T for view in shoot.scene.views}
-    solution = shoots.run(relit(shoot, lambda x: moved(x, turns[x.name] @ off)), **AUTO)
-    flash, = found(solution).lamps
+    flash, = put_right(relit(shoot, lambda x: moved(x, turns[x.name] @ off))).lamps
     assert len(flash.cameras) == len(flash.lights) == count
     assert np.abs(np.array(flash.offset) + off).max() < 0.035  # 0.025 and 0.029 here, at a standard error of 0.011
 
@@ -284,8 +290,7 @@ def test_noise_does_not_hide_a_flash_that_stands_elsewhere() -> None:
     off = np.array([0.15, -0.1, 0.0])
     shoot = by_flash(9, noise=0.03)
     turns = {view.lights[0].name: view.camera.world_to_camera[:3, :3].T for view in shoot.scene.views}
-    solution = shoots.run(relit(shoot, lambda x: moved(x, turns[x.name] @ off)), **AUTO)
-    flash, = found(solution).lamps
+    flash, = put_right(relit(shoot, lambda x: moved(x, turns[x.name] @ off))).lamps
     assert np.abs(np.array(flash.offset) + off).max() < 0.035  # 0.018
 
 
@@ -321,7 +326,7 @@ def test_too_little_to_judge_by() -> None:
     for count in (1, 2):
         shoot = syn.shoot(syn.PATCHES, shoots.rig(1, count), PIXELS)
         wrong = relit(shoot, lambda x: replace(x, power=1.3 * x.power))
-        assert shoots.run(wrong, **AUTO | {"model": "lambert"}).calibration is None
+        assert shoots.put_right(wrong, **AUTO).calibration is None
 
 
 @pytest.mark.one_python
@@ -354,7 +359,7 @@ def test_nothing_is_put_right_by_a_mirror() -> None:
     """Of its pictures, which are right, a vignetting of -2.2 EV explains a little more than nothing."""
     metal = replace(syn.PATCHES, roughness=syn.quarters([0.1, 0.12, 0.15, 0.1]),
                     reflect=partial(brdf.principled, metallic=1.0))
-    assert shoots.run(syn.shoot(metal, shoots.rig(3, 4), PIXELS), **AUTO).calibration is None
+    assert shoots.put_right(syn.shoot(metal, shoots.rig(3, 4), PIXELS), **AUTO).calibration is None
 
 
 @pytest.mark.one_python
@@ -365,14 +370,13 @@ def test_lamps_that_were_measured_stay(plane) -> None:
     kept = {"Light 1", "Light 5"}
     by = {name: np.zeros(3) if name in kept else 0.018 * rng.standard_normal(3) for name in right}
     wrong = relit(plane, lambda x: replace(moved(x, by[x.name]), kept=x.name in kept))
-    solution = shoots.run(wrong, **AUTO)
-    lamps = {lamp.lights[0]: lamp for lamp in found(solution).lamps}
+    lamps = {lamp.lights[0]: lamp for lamp in put_right(wrong).lamps}
     for name in kept:
         assert name not in lamps or (not lamps[name].sure and not np.any(lamps[name].offset) and lamps[name].power == 1)
     off = [np.linalg.norm(by[name] + np.array(lamps[name].offset)) for name in right if name not in kept]
     assert np.mean(off) < 0.3 * np.mean([np.linalg.norm(by[name]) for name in right if name not in kept])
     everything = relit(wrong, lambda x: replace(x, kept=True))
-    assert not (shoots.run(everything, **AUTO).calibration or Calibration((), (), None, None)).lamps
+    assert not (shoots.put_right(everything, **AUTO).calibration or Calibration((), (), None, None)).lamps
 
 
 @pytest.mark.one_python

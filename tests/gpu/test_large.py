@@ -104,6 +104,14 @@ def off(found: Found, where: np.ndarray) -> tuple[float, float]:
 
 
 @pytest.mark.one_python
+def test_the_plan_of_small_maps_is_their_solve_in_one_piece(blocks: Found, one_piece: Found) -> None:
+    """To the bit, so that tests below need not solve them once more to have them."""
+    planned = layers(blocks["plan"].solution.maps)
+    assert planned.keys() == one_piece.keys() - {"coverage"}
+    assert [name for name, layer in planned.items() if not np.array_equal(layer, one_piece[name])] == []
+
+
+@pytest.mark.one_python
 def test_blocks_are_as_right_as_one_piece(blocks: Found, one_piece: Found) -> None:
     solved = (blocks["filled"] < 0.5) & (one_piece["filled"] < 0.5)
     assert solved.sum() > 0.98 * one_piece["coverage"].sum()
@@ -155,7 +163,7 @@ def test_blocks_find_the_levels_of_their_texels(tmp_path: Path) -> None:
     assert plan.priors["Paint"].level_strength > 0 and plan.levels == {}
     off = np.abs(np.log(found["specular"] / syn.levels_of_varied(SIZE)))
     assert np.median(off[solved]) < 0.05
-    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto", **AS_GIVEN))).maps
+    whole = plan.maps  # see test_the_plan_of_small_maps_is_their_solve_in_one_piece
     apart = np.abs(found["specular"] - whole.specular)[solved]
     assert np.quantile(apart, 0.999) < 1e-3 and apart.max() < 0.05
 
@@ -179,7 +187,7 @@ def test_blocks_have_the_plans_metallic_on_their_metal_alone(tmp_path: Path) -> 
     assert set(np.unique(found["metallic"])) == {0.0, np.float32(plan.metallic["Paint"])}
     metal = is_metal(*np.meshgrid(*2 * [(np.arange(SIZE) + 0.5) / SIZE]))
     assert np.mean(((found["metallic"] > 0) == metal)[solved]) > 0.98
-    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto", **AS_GIVEN))).maps
+    whole = plan.maps  # see test_the_plan_of_small_maps_is_their_solve_in_one_piece
     assert np.mean((found["metallic"] == whole.metallic)[solved]) > 0.995
     rough = np.abs(found["roughness"] - np.where(metal, 0.3, 0.5))
     sure = found["confidence"] > 0.5
@@ -196,7 +204,7 @@ def test_blocks_have_the_plans_diffuse_roughness(tmp_path: Path) -> None:
     assert found["plan"].solution.diffuse_roughness == {"Paint": pytest.approx(0.7, abs=0.03)}
     base, rough = off(found, solved)
     assert base < 0.01 and rough < 0.05  # from pictures of 72 pixels
-    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto", **AS_GIVEN))).maps
+    whole = found["plan"].solution.maps  # see test_the_plan_of_small_maps_is_their_solve_in_one_piece
     assert np.quantile(np.abs(found["basecolor"] - whole.base_color)[solved], 0.99) < 0.01
     assert np.quantile(np.abs(found["roughness"] - whole.roughness)[solved], 0.99) < 0.01
 

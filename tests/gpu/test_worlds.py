@@ -12,6 +12,7 @@ import pytest
 
 from irpso_addon.core.calibration import worlds
 from irpso_addon.core.calibration.put_right import applied, under_worlds
+from irpso_addon.core.change_records import WorldChange
 from irpso_addon.core.data import Coat, Environment, SceneData, Solution, View
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
@@ -19,7 +20,7 @@ from irpso_addon.core.shading.environment import about_z
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.solve.world_light import directions_each
 from irpso_addon.solve import pipeline
-from tests.support import skies
+from tests.support import shoots, skies
 from tests.support import synthetic as syn
 from tests.support.sky_shoot import shoot
 
@@ -46,6 +47,12 @@ def _solved(made: syn.Shoot, scene: SceneData, **settings: object) -> Solution:
         scene, SolveSettings(size=32, model="one-lobe", **settings), made.read_image))
 
 
+def _put_right(made: syn.Shoot, scene: SceneData) -> tuple[WorldChange, ...]:
+    """Of the worlds, before anything is solved; empty: nothing."""
+    found = shoots.put_right(replace(made, scene=scene), size=32, lamps="auto").calibration
+    return found.worlds if found is not None else ()
+
+
 def _views(*environments: Environment) -> list[View]:
     return [View(Path(f"{environment.name} {n}.exr"), camera, (), environment=environment)
             for n, camera in enumerate(syn.cameras(6)) for environment in environments]
@@ -61,13 +68,21 @@ def made() -> syn.Shoot:
 @pytest.mark.parametrize("degrees", [-1.0, 3.0, 8.0])
 def test_a_turned_world_is_turned_back(made, degrees):
     scene = _spoilt(made.scene, sky=(degrees, 1.0))
-    solution = _solved(made, scene)
-    (world,) = solution.calibration.worlds
+    (world,) = _put_right(made, scene)
     assert math.degrees(world.turn) == pytest.approx(-degrees, abs=0.25)  # 0.02, 0.07 and 0.18 here
     assert world.sure_turn and not world.sure_strength and world.strength == pytest.approx(1.0, abs=1e-4)
-    assert f"IRPSO turned world 'sky' by {math.degrees(world.turn):+.1f} degrees" in solution.warnings[0]
     right = under_worlds(scene, (world,)).views[0].environment
     assert np.allclose(right.rotation, SKY.rotation @ about_z(math.radians(degrees) + world.turn))
+
+
+@pytest.mark.one_python
+def test_a_solve_says_what_it_has_turned(made):
+    scene = _spoilt(made.scene, sky=(3.0, 1.0))
+    solution = _solved(made, scene)
+    (world,) = solution.calibration.worlds
+    assert math.degrees(world.turn) == pytest.approx(-3.0, abs=0.25)
+    assert f"IRPSO turned world 'sky' by {math.degrees(world.turn):+.1f} degrees" in solution.warnings[0]
+    right = under_worlds(scene, (world,)).views[0].environment
     again = applied(scene, solution.calibration)
     assert np.array_equal(again.views[0].environment.rotation, right.rotation)
 
@@ -89,8 +104,7 @@ def test_a_turntable_of_many_turns_is_judged_by_few_directions_each(monkeypatch)
     views = [View(Path(f"{n}.exr"), camera, (), environment=turned)
              for n, (camera, turned) in enumerate(zip(syn.cameras(16), turns, strict=True))]
     made = shoot(views)
-    # Cameras are right: a round with others of them would draw all that the world lights again.
-    found = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0)), registration="given").calibration.worlds
+    found = _put_right(made, _spoilt(made.scene, sky=(3.0, 1.0)))
     assert len(found) == 16 and all(world.sure_turn for world in found)
     assert [math.degrees(world.turn) for world in found] == pytest.approx([-3.0] * 16, abs=0.25)
 
@@ -104,7 +118,7 @@ def test_a_turntable_of_many_turns_is_judged_by_few_directions_each(monkeypatch)
 def test_other_materials_do_not_turn_a_world(reflect):
     """Highlights that are brighter all around; and a material of which the model explains little."""
     made = shoot(_views(SKY), replace(syn.PATCHES, reflect=reflect))
-    assert _solved(made, made.scene).calibration is None
+    assert _put_right(made, made.scene) == ()
 
 
 @pytest.mark.one_python
@@ -112,7 +126,7 @@ def test_a_world_is_turned_back_where_a_little_metal_makes_highlights_brighter(m
     """Its Specular IOR Level stands for it.  Where more is left over than the level explains, a line says the turn."""
     made = shoot(_views(SKY), replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=0.15)))
     turned = _spoilt(made.scene, sky=(3.0, 1.0))
-    (world,) = _solved(made, turned).calibration.worlds
+    (world,) = _put_right(made, turned)
     assert world.sure_turn and math.degrees(world.turn) == pytest.approx(-3.0, abs=0.7)  # 0.5 here
     monkeypatch.setattr(worlds, "EXPLAINED", 0.05)  # 10 % are left
     stays = _solved(made, turned)
@@ -131,22 +145,22 @@ def test_a_metal_beside_a_paint_does_not_keep_a_world_from_being_turned():
     patches = syn.quarters([(0.6, 0.3, 0.1), GOLD, (0.7, 0.7, 0.7), GOLD])
     made = shoot(_views(SKY), replace(syn.PATCHES, base=patches, reflect=_gilded))
     made = replace(made, scene=replace(made.scene, mesh=syn.plane_mesh(lambda u, v: u > 0.5, ("Paint", "Gold"))))
-    (world,) = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0))).calibration.worlds
+    (world,) = _put_right(made, _spoilt(made.scene, sky=(3.0, 1.0)))
     assert world.sure_turn and math.degrees(world.turn) == pytest.approx(-3.0, abs=0.25)
-    assert _solved(made, made.scene).calibration is None
+    assert _put_right(made, made.scene) == ()
 
 
 @pytest.mark.one_python
 def test_an_overcast_sky_shows_neither_turn_nor_strength():
     made = shoot(_views(skies.sky(48)))
-    assert _solved(made, _spoilt(made.scene, sky=(20.0, 1.5))).calibration is None
+    assert _put_right(made, _spoilt(made.scene, sky=(20.0, 1.5))) == ()
 
 
 @pytest.mark.one_python
 def test_the_strengths_of_two_worlds_and_their_turns():
     """Brightness as a whole belongs to the base colours: each takes half of what they differ by."""
     made = shoot(_views(SKY, ROOM))
-    sky, room = _solved(made, _spoilt(made.scene, sky=(-2.0, 1.0), room=(3.0, 1.1))).calibration.worlds
+    sky, room = _put_right(made, _spoilt(made.scene, sky=(-2.0, 1.0), room=(3.0, 1.1)))
     assert sky.strength / room.strength == pytest.approx(1.1, rel=0.005)  # 0.1 % off here
     assert sky.strength * room.strength == pytest.approx(1.0, rel=1e-3)
     assert math.degrees(sky.turn) == pytest.approx(2.0, abs=0.4) and math.degrees(room.turn) == pytest.approx(
@@ -159,6 +173,6 @@ def test_a_world_beside_lamps():
     views = [View(Path(f"{c} {n}.exr"), camera, (lamp,), environment=SKY)
              for c, camera in enumerate(syn.cameras(3)) for n, lamp in enumerate(lamps)]
     made = shoot(views)
-    (world,) = _solved(made, _spoilt(made.scene, sky=(4.0, 1.1))).calibration.worlds
+    (world,) = _put_right(made, _spoilt(made.scene, sky=(4.0, 1.1)))
     assert world.strength == pytest.approx(1 / 1.1, rel=0.005)  # 0.2 % off here
     assert math.degrees(world.turn) == pytest.approx(-4.0, abs=0.25)

@@ -14,7 +14,9 @@ from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.maps.partial_solve import partial_solve_of
 from irpso_addon.solve import pipeline
+from irpso_addon.solve.gpu_path import Clock, Given, PutRight, draw_texels, put_views_right
 from tests.support import synthetic as syn
 
 SIZE = 64
@@ -27,6 +29,24 @@ def run(shoot: syn.Shoot, **settings: Any) -> Solution:
     """Lamps, exposures and normals as given, where ``settings`` do not say otherwise: what is wrong is to be seen."""
     chosen = SolveSettings(**{"size": SIZE, **AS_GIVEN, **settings})
     return thread.run(lambda: pipeline.solve(shoot.scene, chosen, shoot.read_image))
+
+
+def put_right(shoot: syn.Shoot, **settings: Any) -> PutRight:
+    """As `run`, but ends after what comes before normals, solve and maps: for tests of what is put right alone.
+
+    Cameras are put right by outlines alone.  Textures are freed.
+    """
+    chosen = SolveSettings(**{"size": SIZE, **AS_GIVEN, **settings})
+
+    def steps() -> Generator[Progress, None, PutRight]:
+        device, scene = thread.device(), shoot.scene
+        with device.scope():
+            grid = draw_texels(device, scene.mesh, chosen.size)
+            part = partial_solve_of(device, scene, chosen.size, grid.position, grid.slots)
+            return (yield from put_views_right(device, grid, Given(
+                scene, chosen, shoot.read_image, part, aligns=chosen.registration == "auto", calibrates=True), Clock()))
+
+    return thread.run(steps)
 
 
 def rig(cameras: int = 2, lamps: int = 8, **settings: Any) -> list[tuple[Any, list[Light]]]:

@@ -26,6 +26,7 @@ def _render(folder: Path) -> None:
     scene = bpy.context.scene
     scene.world = here.worlds[0]
     _as_surfaces_see(scene.world)
+    scene.world.cycles.sampling_method = "NONE"  # it lights nothing here, and its map takes a second
     camera = bpy.data.objects.new("Panorama", bpy.data.cameras.new("Panorama"))
     scene.collection.objects.link(camera)
     camera.rotation_euler = (math.pi / 2, 0.0, -math.pi / 2)  # the middle of Blender's mapping is +X
