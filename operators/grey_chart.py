@@ -1,4 +1,4 @@
-"""Check the pictures' response, and set the lamps' power, by the six greys of a colour chart."""
+"""Check the pictures' response, find their tone curve, and set the lamps' power, by a chart's six greys."""
 
 from collections.abc import Sequence
 
@@ -6,18 +6,25 @@ import bpy
 
 from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.scene.scene import subject_of
-from ..irpso_addon.blender.shoot.grey_chart import GreyChart, set_power_by_chart
-from ..irpso_addon.blender.shoot.view_pictures import ListedView, active_view, listed_image
+from ..irpso_addon.blender.shoot.grey_chart import GreyChart, read_chart
+from ..irpso_addon.blender.shoot.view_pictures import (
+    ListedView,
+    active_view,
+    listed_image,
+    listed_views,
+    view_or_file,
+)
 from ..irpso_addon.core.data import F64
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.shoot.picture_marks import Point, chart_lines
 from .helpers.click_in_picture import ClickInPicture
 from .helpers.needs_views import NeedsViews
+from .helpers.paths import absolute
 
 
 class IRPSO_OT_grey_chart(NeedsViews, ClickInPicture, bpy.types.Operator):
-    """Check whether the pictures are linear, and set the power of the views' lights, by a colour chart of 24 patches \
-in the active view's picture. Click its white patch, then its black patch"""
+    """Check whether the pictures are linear, and set their tone curve and the lamps' power, by a colour chart in \
+Chart's Picture or the active view's. Click its white patch, then its black patch"""
 
     bl_idname = "irpso.grey_chart"
     bl_label = "Click Six Greys"
@@ -26,16 +33,18 @@ in the active view's picture. Click its white patch, then its black patch"""
     two_clicks = True
 
     image: bpy.props.StringProperty(
-        name="Picture", description="File of the view that shows the chart; empty: the active view", default="")
+        name="Picture", description="File that shows the chart; empty: Chart's Picture, or else that of the active "
+        "view", default="")
     white: bpy.props.FloatVectorProperty(
         name="White", description="Middle of the white patch, pixels from the picture's upper left corner", size=2)
     black: bpy.props.FloatVectorProperty(
         name="Black", description="Middle of the black patch, pixels from the picture's upper left corner", size=2)
 
     def pictures(self, context: bpy.types.Context) -> tuple[ListedView, Sequence[ListedView]]:
-        """The active view's."""
+        """The one that is chosen for the chart, or the active view's."""
         subject_of(context, None)
-        shown = active_view(context)
+        chosen = _chosen(context)
+        shown = view_or_file(listed_views(context), chosen) if chosen else active_view(context)
         self.image = str(shown.view.image)
         return shown, ()
 
@@ -50,8 +59,9 @@ in the active view's picture. Click its white patch, then its black patch"""
     def execute(self, context: bpy.types.Context) -> set[str]:
         """One undo takes it back."""
         try:
-            chart = GreyChart(self.image or listed_image(context, -1), tuple(self.white), tuple(self.black))
-            found = set_power_by_chart(context, subject_of(context, None), chart)
+            image = self.image or _chosen(context) or listed_image(context, -1)
+            found = read_chart(context, subject_of(context, None),
+                               GreyChart(image, tuple(self.white), tuple(self.black)))
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -60,3 +70,8 @@ in the active view's picture. Click its white patch, then its black patch"""
             self.report({"INFO"}, line)
         self.report({"INFO"} if found.linear else {"WARNING"}, found.response)
         return {"FINISHED"}
+
+
+def _chosen(context: bpy.types.Context) -> str:
+    """The picture that the panel names; empty: none."""
+    return absolute(context.scene.irpso.shoot.chart)

@@ -189,6 +189,9 @@ class IRPSO_PG_shoot(PropertyGroup):
     card: FloatProperty(
         name="Card's Reflectance", description="Reflectance of the grey card, as stated by its maker", default=0.18,
         min=0.001, max=1.0)
+    chart: StringProperty(
+        name="Chart's Picture", subtype="FILE_PATH", options=RELATIVE,
+        description="Picture that shows the color chart, whether it has a camera or not; empty: the active view's")
     balls: CollectionProperty(
         type=IRPSO_PG_ball, name="Chrome Balls", description="Chrome balls in the pictures, by which lamps are placed")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..blender import files
 from ..blender.shoot.grey_card import GreyCard
+from ..blender.shoot.grey_chart import GreyChart
 from ..blender.shoot.import_shoot import Shoot, import_shoot
 from ..core.errors import BadInput
 from ..core.job import run_to_end
@@ -36,8 +37,9 @@ def run(arguments: argparse.Namespace) -> None:
     with OutputTransaction(folder) as staging:
         with console.progress() as show, console.quiet():
             files.new_blend()
-            steps = import_shoot(Shoot(arguments.project, arguments.images, arguments.mesh), settings,
-                                 lambda path: files.relative_path(path, folder), _grey_card(arguments.grey))
+            shoot = Shoot(arguments.project, arguments.images, arguments.mesh, _grey_card(arguments.grey),
+                          _grey_chart(arguments.chart, arguments.images))
+            steps = import_shoot(shoot, settings, lambda path: files.relative_path(path, folder))
             imported = run_to_end(steps, show)
             name = imported.mesh.name
             files.save_copy(staging.beside(out.name))
@@ -58,3 +60,17 @@ def _grey_card(given: list[str] | None) -> GreyCard | None:
     except ValueError:
         raise BadInput(f"--grey {' '.join(given)}: X, Y, SIDE and REFLECTANCE must be numbers, for example "
                        f"--grey {picture} 812 640 40 0.18") from None
+
+
+def _grey_chart(given: list[str] | None, images: Path) -> GreyChart | None:
+    """Of --chart FILE XW YW XB YB.  Raises BadInput."""
+    if given is None:
+        return None
+    picture, *texts = given
+    try:
+        left, upper, right, lower = map(float, texts)
+    except ValueError:
+        raise BadInput(f"--chart {' '.join(given)}: XW, YW, XB and YB must be numbers, for example --chart {picture} "
+                       "812 640 412 644") from None
+    inside = images / picture
+    return GreyChart(str(inside if inside.is_file() else picture), (left, upper), (right, lower))

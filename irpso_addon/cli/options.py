@@ -55,6 +55,9 @@ def _add_import(commands: Any) -> None:
     shoot.add_argument("--grey", nargs=5, metavar=("FILE", "X", "Y", "SIDE", "REFLECTANCE"), help="a grey card that "
                        "the picture FILE shows sets the flash's power: the middle of a square on it and the side, "
                        "pixels of the upright picture from its upper left corner; REFLECTANCE is from 0 to 1")
+    shoot.add_argument("--chart", nargs=5, metavar=("FILE", "XW", "YW", "XB", "YB"), help="a color chart of 24 patches "
+                       "that the picture FILE shows sets the tone curve of all views, and the flash's power if FILE "
+                       "has a camera: the middles of its white and its black patch, pixels as above")
     shoot.add_argument("--out", type=Path, metavar="FILE.blend", required=True, help="file to write")
     add_settings(shoot, ShootSettings)
 

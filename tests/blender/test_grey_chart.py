@@ -11,12 +11,12 @@ bpy = pytest.importorskip("bpy")
 
 from irpso_addon.blender import properties  # noqa: E402
 from irpso_addon.blender.shoot import picture_image as pictures  # noqa: E402
-from irpso_addon.blender.shoot.grey_chart import GreyChart, set_power_by_chart  # noqa: E402
+from irpso_addon.blender.shoot.grey_chart import GreyChart, read_chart  # noqa: E402
 from irpso_addon.blender.shoot.picture_image import picture_image, shown_picture  # noqa: E402
 from irpso_addon.blender.shoot.view_pictures import active_view, listed_views  # noqa: E402
 from irpso_addon.core.errors import BadInput  # noqa: E402
 from irpso_addon.core.images.image_writer import write_image  # noqa: E402
-from irpso_addon.core.images.response import curved  # noqa: E402
+from irpso_addon.core.images.response import curved, straight  # noqa: E402
 from irpso_addon.core.shoot.grey_patch import CHART_GREYS  # noqa: E402
 from tests.blender import cycles_rig as rig  # noqa: E402
 
@@ -81,7 +81,7 @@ def pixel_of(point):
 
 
 def click(floor, name):
-    return set_power_by_chart(bpy.context, floor, GreyChart(name, pixel_of(middle(0)), pixel_of(middle(5))))
+    return read_chart(bpy.context, floor, GreyChart(name, pixel_of(middle(0)), pixel_of(middle(5))))
 
 
 def srgb(linear):
@@ -100,7 +100,7 @@ def test_a_linear_picture(studio, rendered):
 
 
 def test_curves(studio, rendered):
-    """The line says what to do, and the lamps keep their power."""
+    """The line says what to do, and the lamps keep their power where the views get no curve."""
     floor, lamp, view, written = studio
     bpy.context.scene.irpso.scale_known = False
     bright = rendered / rendered.max() * 0.8
@@ -108,20 +108,22 @@ def test_curves(studio, rendered):
     found = click(floor, "bent.exr")
     assert found.response == ("These pictures look non-linear (exponent 0.58). Use RAW files, or set the colour space "
                               "of all views to sRGB.") and not found.linear
+    assert lamp.data.energy == 37.0 and not bpy.context.scene.irpso.scale_known and not found.scaled
+    assert any("the lamps keep their power" in line for line in found.messages) and view.response == 1.0
     written("other.png", bright ** 0.3)  # read as sRGB, it is near the power 0.3 * 2.2
     found = click(floor, "other.png")
-    assert "look non-linear" in found.response
-    assert "the curve of other.png is not sRGB. Use RAW files, or set Response 0.65 and Shoulder 1 " in found.response
-    assert lamp.data.energy == 37.0 and not bpy.context.scene.irpso.scale_known
-    assert any("the lamps keep their power" in line for line in found.messages)
+    assert "look non-linear" in found.response and not found.linear
+    assert "the curve of other.png is not sRGB. Response 0.65 and Shoulder 1 fit its greys to 1." in found.response
+    assert view.response == pytest.approx(0.65, abs=0.005) and view.shoulder == 1.0
+    view.response = 1.0
     written("good.png", srgb(bright))
     assert click(floor, "good.png").response.startswith("These pictures are linear: exponent 1.0")
     view.colorspace = "Linear Rec.709"
     assert click(floor, "good.png").response.endswith("or set the colour space of all views to sRGB.")
 
 
-def test_the_curve_that_the_line_names_mends_the_picture(studio, rendered):
-    """A tone curve before sRGB: the line's two numbers, set for the view, make it linear, and the power is found.
+def test_a_tone_curve_becomes_that_of_the_views(studio, rendered):
+    """A tone curve before sRGB is found and set for all views of its kind, and by it the power.
 
     Its greys lie on no straight line, which is not the chart's fault.
     """
@@ -129,15 +131,84 @@ def test_the_curve_that_the_line_names_mends_the_picture(studio, rendered):
     factor = 0.8 / rendered.max()
     written("toned.png", srgb(curved(rendered * factor, 1.2, 6.0)))
     view.exposure = float(np.log2(factor))
-    line = click(floor, "toned.png").response
-    response, shoulder = map(float, re.search(r"or set Response ([\d.]+) and Shoulder ([\d.]+) of all", line).groups())
-    assert response == pytest.approx(1.2, rel=0.03) and shoulder == pytest.approx(6.0, rel=0.1)
-    assert lamp.data.energy == 37.0
-    view.response, view.shoulder = response, shoulder
+    others = [bpy.context.scene.irpso.views.add() for _ in range(2)]
+    others[0].image, others[1].image, others[0].enabled = view.image, view.image[:-3] + "exr", False
     found = click(floor, "toned.png")
-    assert found.linear and lamp.data.energy == pytest.approx(WATTS, rel=0.05)
+    response, shoulder = map(float, re.search(r"Response ([\d.]+) and Shoulder ([\d.]+) fit", found.response).groups())
+    assert response == pytest.approx(1.2, rel=0.03) and shoulder == pytest.approx(6.0, rel=0.1)
+    for entry in (view, others[0]):
+        assert entry.response == pytest.approx(response, abs=0.006)
+        assert entry.shoulder == pytest.approx(shoulder, abs=0.06)
+    assert others[1].response == others[1].shoulder == 1.0
+    assert found.scaled and not found.linear and lamp.data.energy == pytest.approx(WATTS, rel=0.05)
+    assert click(floor, "toned.png").linear and lamp.data.energy == pytest.approx(WATTS, rel=0.05)
     view.response = 2.0
-    assert "or set Response" not in click(floor, "toned.png").response  # of a picture whose curve is set
+    assert " fit its greys" not in click(floor, "toned.png").response  # of a picture whose curve is set
+
+
+def test_a_curve_is_taken_back_where_the_power_cannot_be_set(studio, rendered):
+    floor, lamp, view, written = studio
+    written("toned.png", srgb(curved(rendered * 0.8 / rendered.max(), 1.2, 6.0)))
+    lamp.data.keyframe_insert("energy", frame=1)
+    with pytest.raises(BadInput, match="keyframes or a driver set its power"):
+        click(floor, "toned.png")
+    assert view.response == view.shoulder == 1.0
+
+
+def test_a_picture_without_a_camera(studio, rendered, tmp_path):
+    """Of another shape than the views, as one that photogrammetry did not align: its curve is theirs, the power stays.
+
+    The light falls off by a third along the chart and is taken to be even, so that the curve is that of both.
+    """
+    floor, lamp, view, written = studio
+    written("view.png", srgb(rendered / rendered.max() * 0.8))
+    own = view.image
+    written("chart.png", srgb(curved(rendered * 0.8 / rendered.max(), 1.2, 6.0))[20:-20])
+    view.image, ends = own, [(x, y - 20) for x, y in (pixel_of(middle(0)), pixel_of(middle(5)))]
+    bpy.context.scene.irpso.scale_known = False
+    chart = GreyChart(str(tmp_path / "chart.png"), *ends)
+    found = read_chart(bpy.context, floor, chart)
+    assert found.response.startswith("These pictures look non-linear") and not found.scaled
+    assert found.messages == ("chart.png: has no camera, so that the light on the chart is not known; it is taken to "
+                              "be even; the lamps keep their power",)
+    assert lamp.data.energy == 37.0 and not bpy.context.scene.irpso.scale_known
+    seen = rendered / rendered.max() * 0.8
+    spots = [seen[int(y) - 3:int(y) + 3, int(x) - 3:int(x) + 3].mean() for x, y in map(pixel_of, map(middle, range(6)))]
+    straightened = straight(curved(np.array(spots), 1.2, 6.0), view.response, view.shoulder)
+    slope = np.polyfit(np.log(CHART_GREYS), np.log(straightened), 1)[0]
+    assert slope == pytest.approx(1.0, abs=0.01)  # the greys, as they were lit, are what is linear now
+    again = read_chart(bpy.context, floor, chart)  # it is read as the views are
+    assert again.linear and "exponent 1.0" in again.response and len(again.messages) == 1
+
+
+def test_files_that_are_no_chart_of_the_views(studio, rendered, tmp_path):
+    floor, _, view, written = studio
+    written("view.png", srgb(rendered))
+    own = view.image
+    written("chart.exr", rendered)
+    view.image = own
+    for name, words in ((tmp_path / "chart.exr", "chart.exr: is a .exr file, and no view has one"),
+                        (tmp_path / "none.png", "no view has this picture")):
+        with pytest.raises(BadInput, match=words) as caught:
+            read_chart(bpy.context, floor, GreyChart(str(name), (20.0, 20.0), (90.0, 20.0)))
+        assert "\n" not in str(caught.value) and view.response == 1.0
+
+
+def test_one_patch_that_shines_is_left_out(studio, rendered):
+    """Two are a wrong click."""
+    floor, lamp, _, written = studio
+    values = rendered.copy()
+    x, y = map(int, pixel_of(middle(5)))
+    values[y - 1:y + 2, x - 1:x + 2] *= 4.0
+    written("card.exr", values)
+    found = click(floor, "card.exr")
+    assert found.linear and lamp.data.energy == pytest.approx(WATTS, rel=0.02)
+    assert found.messages[0].startswith("card.exr, black patch: the square shows more than one patch, or a shine")
+    x, y = map(int, pixel_of(middle(4)))
+    values[y - 1:y + 2, x - 1:x + 2] *= 4.0
+    written("card.exr", values)
+    with pytest.raises(BadInput, match="black patch: the square shows more than one patch, or a shine"):
+        click(floor, "card.exr")
 
 
 def test_a_clipped_and_a_black_patch_are_left_out(studio, rendered):
@@ -195,7 +266,7 @@ def test_what_is_refused_changes_nothing(studio, rendered):
                          (GreyChart("card.exr", white, white), "too close"),
                          (GreyChart("card.exr", (2.0, 2.0), black), "is not inside the picture")):
         with pytest.raises(BadInput, match=words) as caught:
-            set_power_by_chart(bpy.context, floor, chart)
+            read_chart(bpy.context, floor, chart)
         assert "\n" not in str(caught.value) and lamp.data.energy == 37.0
 
 
@@ -211,6 +282,23 @@ def test_operator_and_undo(studio, rendered, extension):
     assert bpy.data.lights["lamp"].energy == pytest.approx(WATTS, rel=0.02)
     bpy.ops.ed.undo()
     assert bpy.data.lights["lamp"].energy == 37.0
+
+
+def test_the_operator_takes_the_panels_picture(studio, rendered, extension, tmp_path):
+    """That of no view too, and one undo takes the curve back."""
+    floor, _, view, written = studio
+    written("view.png", srgb(rendered / rendered.max() * 0.8))
+    own = view.image
+    written("chart.png", srgb(curved(rendered * 0.8 / rendered.max(), 1.2, 6.0)))
+    view.image = own
+    bpy.context.scene.irpso.shoot.chart = str(tmp_path / "chart.png")
+    bpy.context.view_layer.objects.active = floor
+    bpy.ops.ed.undo_push(message="before")
+    ends = {"white": pixel_of(middle(0)), "black": pixel_of(middle(5))}
+    assert bpy.ops.irpso.grey_chart("EXEC_DEFAULT", True, **ends) == {"FINISHED"}
+    assert bpy.context.scene.irpso.views[0].shoulder > 3 and bpy.data.lights["lamp"].energy == 37.0
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.irpso.views[0].shoulder == 1.0
 
 
 def test_the_picture_that_is_clicked_in(studio, rendered, monkeypatch):

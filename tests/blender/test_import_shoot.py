@@ -18,10 +18,13 @@ import pytest
 from irpso_addon.blender import files
 from irpso_addon.blender.jobs import solve_object
 from irpso_addon.blender.scene.scene import read_scene
+from irpso_addon.core.images.colour import linear_to_srgb
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.images.response import curved
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.projection import pixels_of
+from irpso_addon.core.shoot.grey_patch import CHART_GREYS
 from tests.support.photo_shoot import FLASH_POWER, UNIT, save_dng
 from tests.support.picture_files import save
 
@@ -136,6 +139,33 @@ def test_the_power_is_found(bring):
     scene, lines = bring("transforms.json", *FLASH)
     assert any("its power is not known" in line for line in lines) and not scene.scale_known
     assert 0.7 < scene.views[0].lights[0].power[0] / POWER < 1.3
+
+
+def test_a_chart_in_a_picture_that_has_no_camera(bring, made, tmp_path):
+    """PNG files with a tone curve, and a chart of 24 patches with the same one: the views get it, and with it the power
+    is found as without a curve.
+    """
+    folder = tmp_path / "developed"
+    folder.mkdir()
+    for picture in (made / "pictures").glob("*.exr"):
+        pixels = oiio.ImageBuf(str(picture)).get_pixels(oiio.FLOAT)[..., :3]
+        save(folder / f"{picture.stem}.png", linear_to_srgb(curved(np.clip(pixels, 0, 1), 1.2, 6.0)), "uint16")
+    chart = np.full((80, 260, 3), 0.02)
+    for number, grey in enumerate(CHART_GREYS):
+        chart[20:60, 10 + 40 * number:45 + 40 * number] = 0.9 * grey
+    save(folder / "chart.png", linear_to_srgb(curved(chart, 1.2, 6.0)), "uint16")
+    scene, lines = bring("transforms.json", *FLASH, "--chart", "chart.png", 27, 40, 227, 40, images=folder)
+    assert any("now set for all views" in line for line in lines)
+    assert any("chart.png: has no camera, so that the light on the chart is not known" in line for line in lines)
+    assert {(round(view.response, 2), round(view.shoulder, 1)) for view in scene.views} == {(1.2, 6.0)}
+    assert any("its power is not known" in line for line in lines) and not scene.scale_known
+    assert 0.7 < scene.views[0].lights[0].power[0] / POWER < 1.3
+    shutil.rmtree(tmp_path / "out")
+    for given, words in ((("none.png", 27, 40, 227, 40), "none.png: no view has this picture"),
+                         (("chart.png", 27, 40, 227, "ten"), "--chart chart.png 27 40 227 ten: XW, YW, XB and YB must "
+                          "be numbers"),
+                         (("chart.png", 227, 40, 27, 40), "click white first, then black")):
+        assert words in bring("transforms.json", *FLASH, "--chart", *given, images=folder, code=3)
 
 
 def test_the_blend_can_be_moved_with_its_pictures(bring):

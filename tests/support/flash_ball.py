@@ -98,6 +98,19 @@ def flash_ball(
     return RigSample(observed, rig, number, position, normal, np.zeros(texels, np.int32), cluster.astype(np.int32))
 
 
+def bumpy(reflect: Reflect, degrees: float, seed: int = 3) -> Reflect:
+    """The same where normals of cells of neighbours lean by about so much, which the mesh lacks."""
+    rng, leans = np.random.default_rng(seed), dict[int, np.ndarray]()
+
+    def bumped(light: np.ndarray, view: np.ndarray, normal: np.ndarray, position: np.ndarray) -> np.ndarray:
+        cells = ((unit(position) + 1) * CELLS).astype(int) @ np.array([1, 13, 169])
+        lean = np.array([leans.setdefault(int(cell), rng.standard_normal(3)) for cell in cells])
+        lean *= np.radians(degrees) / np.sqrt(2)
+        return reflect(light, view, unit(normal + lean - (lean * normal).sum(-1, keepdims=True) * normal), position)
+
+    return bumped
+
+
 def as_jpeg(sample: RigSample) -> RigSample:
     """Of files that may have a tone curve."""
     views = tuple(replace(view, image=view.image.with_suffix(".jpg")) for view in sample.rig.views)

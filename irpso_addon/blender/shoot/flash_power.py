@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -15,6 +16,7 @@ from ...core.errors import BadInput
 from ...core.images import decoder_pool
 from ...core.images.read_ahead import ReadAhead
 from ...core.images.reference_image import read_reference, with_one_white_balance
+from ...core.images.response import straightened
 from ...core.job import Progress, Steps, run_to_end
 from ...core.projection import rays_of
 from ...core.shading.lights import light_irradiance
@@ -55,7 +57,10 @@ def flash_power(
     """
     depsgraph, rays = context.evaluated_depsgraph_get(), MeshRays(context, mesh)
     chosen = with_one_white_balance([_view(context, entry, depsgraph) for entry in _spread(views)])
-    images = run_to_end(_read(chosen), lambda _: None) if shown is None else shown
+    images = shown
+    if images is None:
+        plain = [replace(view, response=1.0, shoulder=1.0) for view in chosen]
+        images = run_to_end(_read(plain), lambda _: None)
     albedo = np.concatenate([_albedo(view, images[view.image], rays) for view in chosen])
     found = float(power * np.quantile(albedo, QUANTILE) / WHITE) if len(albedo) else 0.0
     if not 0 < found < np.inf:
@@ -81,15 +86,16 @@ def _view(context: bpy.types.Context, entry: bpy.types.PropertyGroup, depsgraph:
     camera = read_camera(entry.camera, context.scene, depsgraph)
     lights = tuple(read_light(item.light, depsgraph, lambda _: None) for item in entry.lights)
     mask = Path(bpy.path.abspath(entry.mask)) if entry.mask else None
-    return View(Path(bpy.path.abspath(entry.image)), camera, lights, entry.exposure, mask, entry.colorspace or None)
+    return View(Path(bpy.path.abspath(entry.image)), camera, lights, entry.exposure, mask, entry.colorspace or None,
+                response=entry.response, shoulder=entry.shoulder)
 
 
 def _albedo(view: View, image: RadianceImage, rays: MeshRays) -> F64:
-    """Of the pixels of a view, under its lights' present power."""
+    """Of the pixels of a view, under its lights' present power; ``image`` was read as if the file had no curve."""
     height, width = image.valid.shape
     rows, columns = np.nonzero(image.valid & (image.coverage > SOLID))
     return surface_albedo(view.camera, view.lights, np.stack([columns, rows], -1) + 0.5, (width, height),
-                          image.rgb[rows, columns], rays)
+                          straightened(image.rgb[rows, columns], view), rays)
 
 
 def surface_albedo(

@@ -22,6 +22,7 @@ from ...core.shoot.scene_cameras import project_of
 from ..scene.scene_objects import require_metres
 from .flash_power import Shown, flash_pictures, flash_power
 from .grey_card import GreyCard, set_power_by_grey_card
+from .grey_chart import GreyChart, read_chart
 from .mesh_facing import face_cameras
 from .mesh_file import import_mesh, shade
 from .mesh_place import place
@@ -37,11 +38,13 @@ READ, MADE = 0.7, 0.85  # of the whole time: until pictures are read, until ther
 
 @dataclass(frozen=True)
 class Shoot:
-    """The files of a shoot."""
+    """The files of a shoot, and the greys in its pictures."""
 
     project: Path
     images: Path  # folder
     mesh: Path | None = None  # None: the only one that lies beside the project
+    card: GreyCard | None = None  # sets the power of the flash
+    chart: GreyChart | None = None  # sets the tone curve of the views, and the power of the flash
 
 
 @dataclass(frozen=True)
@@ -57,22 +60,21 @@ class Imported:
 class ReadShoot:
     """What the files say, all of it checked: nothing is in the scene yet."""
 
+    shoot: Shoot
     project: Project
     mesh: Path
     pictures: ShootPictures
     shown: Shown | None = None  # pictures by which the flash's power is found; None: it is not looked for
 
 
-def import_shoot(
-    shoot: Shoot, settings: ShootSettings, stored: Stored, grey: GreyCard | None = None,
-) -> Steps[Imported]:
+def import_shoot(shoot: Shoot, settings: ShootSettings, stored: Stored) -> Steps[Imported]:
     """`read_shoot` and then `add_shoot`: a job that raises what they raise."""
     read = yield from retold(
-        read_shoot(shoot, settings, grey), lambda step: replace(step, fraction=READ * step.fraction))
-    return (yield from add_shoot(read, settings, stored, grey))
+        read_shoot(shoot, settings), lambda step: replace(step, fraction=READ * step.fraction))
+    return (yield from add_shoot(read, settings, stored))
 
 
-def read_shoot(shoot: Shoot, settings: ShootSettings, grey: GreyCard | None = None) -> Steps[ReadShoot]:
+def read_shoot(shoot: Shoot, settings: ShootSettings) -> Steps[ReadShoot]:
     """A job that looks at nothing of Blender's after its first step, so that a window can go on meanwhile.
 
     Raises BadInput.
@@ -92,17 +94,14 @@ def read_shoot(shoot: Shoot, settings: ShootSettings, grey: GreyCard | None = No
         check_path(mesh)
         pictures = yield from read_pictures(project, folder, headers)
     shown = None
-    if settings.rig == "flash" and not settings.flash_power and grey is None:
+    if settings.rig == "flash" and not settings.flash_power and shoot.card is None:
         shown = yield from flash_pictures(pictures, settings.colors)
-    return ReadShoot(project, mesh, pictures, shown)
+    return ReadShoot(shoot, project, mesh, pictures, shown)
 
 
-def add_shoot(
-    read: ReadShoot, settings: ShootSettings, stored: Stored, grey: GreyCard | None = None,
-) -> Steps[Imported]:
+def add_shoot(read: ReadShoot, settings: ShootSettings, stored: Stored) -> Steps[Imported]:
     """Adds the shoot to the open scene.  ``stored``: how the .blend keeps the path of a picture.
 
-    ``grey`` sets the power of the flash.
     A job.  Raises BadInput; then, and when it is closed before its end, it leaves the file as it was.
     """
     project, pictures = read.project, read.pictures
@@ -113,7 +112,7 @@ def add_shoot(
         lines += face_cameras(mesh, pictures.cameras, _scale(settings, project))
         lines += shade(mesh) + unwrap(mesh)
         yield Progress(MADE, "light")
-        lines += _add(mesh, read, settings, grey)
+        lines += _add(mesh, read, settings)
         views = list(bpy.context.scene.irpso.views)[-len(pictures.cameras):]
         for view in views:
             view.image, view.mask = (stored(Path(path)) if path else "" for path in (view.image, view.mask))
@@ -128,9 +127,7 @@ def _scale(settings: ShootSettings, project: Project) -> float:
     return settings.scale or project.metres_per_unit or 1.0
 
 
-def _add(
-    mesh: bpy.types.Object, read: ReadShoot, settings: ShootSettings, grey: GreyCard | None,
-) -> list[str]:
+def _add(mesh: bpy.types.Object, read: ReadShoot, settings: ShootSettings) -> list[str]:
     """Cameras, flashes and views, with absolute paths; lines for the user.  Raises BadInput."""
     project, pictures = read.project, read.pictures
     scene, flash = bpy.context.scene, settings.rig == "flash"
@@ -143,10 +140,15 @@ def _add(
     views = add_views(scene, objects, flashes, pictures.files, pictures.exposures, settings.colors)
     _set_scene(scene, pictures, known=flash and settings.flash_power > 0, first=first)
     bpy.context.view_layer.update()
-    if grey is None:
+    card, chart, scaled = read.shoot.card, read.shoot.chart, False
+    if chart is not None:  # first: it straightens what the power is found from
+        found = read_chart(bpy.context, mesh, chart)
+        lines += [found.response, *found.messages]
+        scaled = found.scaled
+    if card is not None:
+        lines += set_power_by_grey_card(bpy.context, mesh, card)
+    elif not scaled:
         lines += _light_line(mesh, views, flashes, settings, read.shown)
-    else:
-        lines += set_power_by_grey_card(bpy.context, mesh, grey)
     for obj in bpy.context.view_layer.objects:
         obj.select_set(obj == mesh)
     bpy.context.view_layer.objects.active = mesh

@@ -35,7 +35,9 @@ class LitPicture:
         """``mesh``: what the squares are a part of, where they show it.  Raises BadInput."""
         self.shown, self.name = shown, shown.name
         self.messages: list[str] = []  # for the user, of squares that do not show the mesh
-        self.ambient: F64 = np.array(shown.entry.ambient_radiance, np.float64)  # shines beside the lights
+        self.ambient: F64 = np.zeros(3)  # shines beside the lights
+        if shown.entry is not None:
+            self.ambient = np.array(shown.entry.ambient_radiance, np.float64)
         self._context, self._mesh = context, mesh
         self._rgb, self._valid = read_picture(_as_solved(shown))
         # `read_picture` gives clipped pixels the brightest value
@@ -44,7 +46,7 @@ class LitPicture:
     def patch(self, square: Square, name: str | None = None) -> tuple[Patch, F64]:
         """What whole pixels in the square show, and their middle (2,), both from the upper left, the picture upright.
 
-        Raises BadInput about the picture and the patch ``name``; UnusablePatch where it is clipped or black.
+        Raises BadInput about the picture and the patch ``name``, and what `measure_patch` raises.
         """
         height, width = self._valid.shape
         x, y, length = square
@@ -129,6 +131,8 @@ def _shot(view: ListedView) -> ShotSettings:
 def _as_solved(shown: ListedView) -> View:
     """The view with everything that a solve undoes of its picture, but for the mask."""
     entry = shown.entry
+    if entry is None:
+        return shown.view
     ambient, flat = (Path(bpy.path.abspath(path)) if path else None for path in (entry.ambient, entry.flat))
     return replace(shown.view, ambient=ambient, flat=flat, vignetting=entry.vignetting, response=entry.response,
                    shoulder=entry.shoulder, black_level=tuple(entry.black_level), tint=tuple(entry.tint))

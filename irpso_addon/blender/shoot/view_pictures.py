@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from ...core.data import F32, Bool, View
 from ...core.errors import BadInput
+from ...core.images.image_file import open_image
 from ...core.images.reference_image import read_reference, with_one_white_balance
 from ..scene.scene import film_gain
 from ..scene.scene_objects import read_camera
@@ -21,7 +22,7 @@ from ..scene.scene_objects import read_camera
 class ListedView:
     """A view of the scene's list, with what its picture is read by: camera, exposure, one white balance for all."""
 
-    entry: Any  # IRPSO_PG_view
+    entry: Any  # IRPSO_PG_view; None: a picture of no view, which no camera of the scene took
     view: View  # without lights, mask, ambient picture and flat field
 
     @property
@@ -68,6 +69,28 @@ def named_view(views: Sequence[ListedView], name: str) -> ListedView:
         what = "no view has this picture" if not found else f"{different} pictures of the views have this name"
         raise BadInput(f"{name}: {what}; give the path of one of the views' pictures")
     return found[0]
+
+
+def view_or_file(views: Sequence[ListedView], name: str) -> ListedView:
+    """The view whose picture is called ``name``, or a file without a camera, as one that photogrammetry did not align.
+
+    Such a file is read as the first view is whose picture is of the same kind.  Raises BadInput.
+    """
+    path = Path(name)
+    try:
+        return named_view(views, name)
+    except BadInput:
+        if not path.is_file():
+            raise
+    like = next((view for view in views if view.view.image.suffix.lower() == path.suffix.lower()), None)
+    if like is None:
+        raise BadInput(f"{path.name}: is a {path.suffix} file, and no view has one, so that their curve may be another;"
+                       " choose a file of the kind that the views have")
+    file, entry = open_image(path), like.entry
+    camera = replace(like.view.camera, aspect=file.width / file.height, lens=None)
+    return ListedView(None, replace(
+        like.view, image=path, camera=camera, exposure=0.0, response=entry.response, shoulder=entry.shoulder,
+        black_level=tuple(entry.black_level)))
 
 
 def active_view(context: bpy.types.Context, camera: bpy.types.Object | None = None) -> ListedView:

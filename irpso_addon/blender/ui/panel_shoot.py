@@ -36,6 +36,7 @@ class IRPSO_PT_shoot(Tab, Panel):
         row = layout.row()
         row.use_property_split = False
         row.prop(shoot, "card")
+        layout.prop(shoot, "chart")
         row = layout.row(align=True)
         row.operator("irpso.grey_card", icon="EYEDROPPER")
         row.operator("irpso.grey_chart", icon="COLOR")

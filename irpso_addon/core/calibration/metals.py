@@ -5,6 +5,9 @@ do not explain left-out views and metals do, each texel has a Metallic of its ow
 Light that bounces and bumps that the mesh lacks then still leave more than a rig that is off does, so that no change
 leaves half of the error.  Numbers are added one kind after the other instead, each time the kind that predicts left-out
 views best, as long as that is better beyond the scatter.
+
+Few observations show where highlights are, so that predictions hardly tell the place of a flash that cameras carry.
+Halves of the texels and of the light's angles do: where they agree on it, it is changed.
 """
 
 from __future__ import annotations
@@ -20,15 +23,17 @@ from ..job import Steps, share_of
 from .choice import Chosen
 from .contest import ANY, GIVEN, HALF, SURE, Contest
 from .far_exposures import FAR, median_gains
-from .free_numbers import NOTHING
+from .free_numbers import LEAST_CHANGE, NOTHING
 from .rig_fit import ROUNDS, RigFound, fit_rig, left_over
 from .rig_numbers import Free
 from .rig_sample import RigSample
+from .standard_errors import COMMON, unexplained
 from .texel_materials import lobes_of
 from .tone_curve import ToneCurve, may_have_one
 
 PUZZLING = 0.1  # relative: what dielectrics leave over where metals are looked for; rigs that are off leave less
-FARTHEST = 0.06  # of a lamp's distance: a flash stands beside its camera, 10 cm from where it is said to at most
+FARTHEST = 0.06  # of a lamp's distance: farther, a curve has made it seem nearer or farther
+BESIDE = 0.2  # the same of a flash beside its camera, whose distance is kept: a hand's breadth in close-ups of a metre
 MOST_SHOULDER = 3.5  # logarithm: curves of cameras are 5 to 15 times flatter at white, and a fit may run away
 LEAST_CURVE = 0.05  # logarithm of the response: light that bounces brightens what is dark, as a response of 0.97 does
 VISIBLY = 0.98  # of what predictions are off by: less is not worth a change
@@ -101,13 +106,32 @@ def chosen_of_metals(
         for kind in kinds:
             free = replace(kept, lamps=kept.lamps or kind.lamps, exposures=kept.exposures or kind.exposures)
             own = yield from _tried(contest, free, found if kept.scene or kind.lamps else _evened(sample, first))
-            if _better(contest, str(free), taken) and not _is_far(own):
+            if _better(contest, str(free), taken) and not _is_far(own, _limit(sample)):
                 fits.append((float(contest.gain(str(free), taken).sum()), kind, free, own))
         if not fits:
             break
         _, best, kept, found = max(fits, key=lambda fit: fit[0])
         taken, kinds = str(kept), [kind for kind in kinds if kind != best]
+    if lamps and not kept.lamps and sample.rig.one_flash:
+        beside = yield from _beside_lens(contest, taken, kept, found)
+        if beside is not None:
+            return beside
     return None if taken == GIVEN else Chosen(contest, taken, kept, found)
+
+
+def _beside_lens(contest: Contest, taken: str, kept: Free, start: RigFound) -> Steps[Chosen | None]:
+    """The place of the flash beside its cameras too, if parts of the sample agree on it; None: they do not.
+
+    Predictions of left-out views need only be no worse.  ``kept``: what is changed already, ``taken`` in the contest.
+    """
+    free = replace(kept, lamps=True)
+    found = yield from _tried(contest, free, start)
+    if _is_far(found, BESIDE) or contest.gain(str(free), taken).sum() <= 0 or not (
+            contest.judge.error(str(free)).lightness < contest.judge.error(taken).lightness):
+        return None
+    factor = COMMON * (yield from share_of(unexplained(contest.sample, free, found), 0.5, 0.9))
+    sure = np.abs(found.change.offset) > np.maximum(SURE * factor * found.error.offset, LEAST_CHANGE)
+    return Chosen(contest, str(free), free, found) if sure.any() else None
 
 
 def _tried(contest: Contest, free: Free, start: RigFound) -> Steps[RigFound]:
@@ -135,9 +159,13 @@ def _evened(sample: RigSample, first: RigFound) -> RigFound:
     return replace(first, change=replace(first.change, log_gain=gain))
 
 
-def _is_far(found: RigFound) -> bool:
-    """Whether lamps would stand where they cannot: a curve makes them seem nearer or farther."""
-    return bool(np.linalg.norm(found.change.offset, axis=1).mean() > FARTHEST)
+def _is_far(found: RigFound, limit: float = FARTHEST) -> bool:
+    """Whether lamps would stand where they cannot."""
+    return bool(np.linalg.norm(found.change.offset, axis=1).mean() > limit)
+
+
+def _limit(sample: RigSample) -> float:
+    return BESIDE if sample.rig.one_flash else FARTHEST
 
 
 def _sure(found: RigFound) -> bool:

@@ -41,6 +41,10 @@ class UnusablePatch(BadInput):
     """A patch that is clipped or black: others of its chart may do."""
 
 
+class UnevenPatch(BadInput):
+    """A square over an edge or a shine: the click was wrong, unless it is the only one of a chart."""
+
+
 @dataclass(frozen=True)
 class Patch:
     """What a picture shows in a square that the user has clicked."""
@@ -73,7 +77,7 @@ class Response:
     def summary(self, name: str, decoded: bool, curve: GreyCurve | None = None) -> str:
         """One line about the pictures of which ``name`` shows the chart; ``decoded``: as sRGB.
 
-        ``curve``: that on which the greys lie.
+        ``curve``: that on which the greys lie, and which the views now have.
         """
         figure = f"exponent {self.exponent:.2f} ± {max(self.standard_error, 0.01):.2f}"
         if self.verdict is Verdict.LINEAR:
@@ -84,7 +88,7 @@ class Response:
             return f"{name}: the six greys do not lie on one curve ({figure}). Light the chart evenly, without gloss."
         if decoded:
             return f"These pictures look non-linear (exponent {self.exponent:.2f}): the curve of {name} is not sRGB. " \
-                   f"Use RAW files{'' if curve is None else f', or {curve.remedy}'}."
+                   f"{'Use RAW files' if curve is None else curve.told}."
         also = ", or set the colour space of all views to sRGB" if self.exponent < 1 else ""
         return f"These pictures look non-linear (exponent {self.exponent:.2f}). Use RAW files{also}."
 
@@ -98,10 +102,10 @@ class GreyCurve:
     residual: float  # root mean square, relative to the file's values
 
     @property
-    def remedy(self) -> str:
-        """What to do."""
-        return (f"set Response {self.response:.2f} and Shoulder {self.shoulder:.2g} of all views, which fit its greys "
-                f"to {percent(self.residual, 1)}, and click again")
+    def told(self) -> str:
+        """That it has been set."""
+        return (f"Response {self.response:.2f} and Shoulder {self.shoulder:.2g} fit its greys to "
+                f"{percent(self.residual, 1)} and are now set for all views; RAW files need neither")
 
 
 def chart_squares(white: tuple[float, float], black: tuple[float, float], name: str = "chart") -> F64:
@@ -122,8 +126,8 @@ def chart_squares(white: tuple[float, float], black: tuple[float, float], name: 
 def measure_patch(values: F64, clip: float = 1.0, name: str = "patch") -> Patch:
     """Figures of the pixels ``values`` (h, w, 3), linear RGB, of a clicked square; ``clip``: what white clips at.
 
-    Raises BadInput (about ``name``) where pixels are missing or the square is not one patch; UnusablePatch where they
-    are clipped or dark.
+    Raises BadInput (about ``name``) where pixels are missing; UnusablePatch where they are clipped or dark; UnevenPatch
+    where the square is not one patch.
     """
     values = np.asarray(values, np.float64)
     if values.ndim != 3 or values.shape[2] != 3 or values.shape[0] * values.shape[1] < LEAST_PIXELS:
@@ -138,8 +142,8 @@ def measure_patch(values: F64, clip: float = 1.0, name: str = "patch") -> Patch:
         raise UnusablePatch(f"{name}: the patch is black; use a brighter exposure or choose the patch again")
     spread, unevenness = _about_plane(values.mean(-1))
     if spread > MOST_SPREAD or _uneven(values.mean(-1)):
-        raise BadInput(f"{name}: the square shows more than one patch, or a shine; choose a smaller square inside the "
-                       "patch")
+        raise UnevenPatch(f"{name}: the square shows more than one patch, or a shine; choose a smaller square inside "
+                          "the patch")
     return Patch(mean, spread, unevenness, clipped)
 
 
