@@ -125,11 +125,13 @@ def test_a_size_is_changed_as_pictures_show_it() -> None:
 
 
 def test_lamps_that_are_not_alike_keep_their_sizes() -> None:
-    """One number says nothing of several sizes, nor of a lamp that the user measured."""
+    """One number says nothing of several sizes, of a lamp that the user measured, nor of a flash on a camera."""
     sample = ball(0.2, noise=0.02)
     mixed = with_lamps(sample, lambda n, light: with_extent(light, 0.1 * (n % 2)))
     assert found(mixed) is None
     assert found(with_lamps(sample, lambda n, light: replace(light, kept=n == 0))) is None
+    group = replace(sample.rig.groups[0], cameras=("Camera",))
+    assert found(replace(sample, rig=replace(sample.rig, groups=(group, *sample.rig.groups[1:])))) is None
 
 
 def test_the_rest_is_found_beside_it() -> None:

@@ -213,7 +213,8 @@ def _given(rig: Rig) -> tuple[float | None, float]:
     reach = float(np.median([group.reach for group in rig.groups])) if rig.groups else 1.0
     alike = extents and np.ptp(extents) <= ALIKE * max(extents) and len({
         (light.kind, light.shape) for light in lights.values()}) == 1
-    fine = alike and all(shines_evenly(light) and not light.kept for light in lights.values())
+    fine = alike and all(shines_evenly(light) and not light.kept for light in lights.values()) and not any(
+        group.carried for group in rig.groups)  # cameras see no place that faces away from their flash
     return (float(np.mean(extents)) if fine else None), reach
 
 
