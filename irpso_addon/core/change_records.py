@@ -167,3 +167,5 @@ class RefinedNormals:
     # without what normals of whole regions would explain:
     given: float
     refined: float
+    # Root mean square of how far vertices followed them, relative to the object's longest side; 0: they lie as given.
+    moved: float = 0.0

@@ -42,6 +42,7 @@ from ..gpu.observe.ambient_light import AmbientShadows
 from ..gpu.observe.observation_atlas import CameraSource, TexelSurface
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
+from ..gpu.solve.followed_mesh import followed
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
 from ..gpu.solve.normal_texels import SAMPLE, SAMPLE_UNDER_WORLDS, refined_normals, seen_by
@@ -300,10 +301,11 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         source = CameraSource(device, part.grid(device, grid.maps), observations, scene.mesh.extent)
         normals = yield from clock.stage("normals", _refined(source, given, part.solved & grid.coverage, grid))
     if isinstance(normals, NormalsJudged):
+        scene, mesh = _followed(device, observations, scene, settings.seed, part.solved & grid.coverage, grid)
         grid.maps.release()
-        grid = draw_texels(device, grid.mesh, len(grid.coverage))
+        grid = draw_texels(device, mesh, len(grid.coverage))
         observations.release()
-        observations = yield from clock.stage("observe", found.observe(scene=scene), (0.33, 0.35))
+        observations = yield from clock.stage("observe", found.observe(scene=scene, mesh=mesh), (0.33, 0.35))
     return _Views(
         scene, given.scene, found.calibration, found.in_doubt, found.judged, normals, grid, observations)
 
@@ -327,6 +329,20 @@ def _refined(
         offsets = yield from refined_normals(source, texels, judged, known, facet, light)
     grid.mesh.refine(offsets)
     return judged
+
+
+def _followed(
+    device: Device, observations: Observations, scene: SceneData, seed: int, texels: Bool, grid: TexelGrid,
+) -> tuple[SceneData, MeshBuffer]:
+    """The scene whose mesh has followed its refined normals, where views then agree better; or as it is."""
+    positions = followed(device, observations, grid.mesh, grid.maps, texels, seed)
+    if positions is None:
+        return scene, grid.mesh
+    scene, offsets = replace(scene, mesh=replace(scene.mesh, positions=positions)), grid.mesh.offsets
+    assert offsets is not None
+    mesh = MeshBuffer(device, scene.mesh)
+    mesh.refine(offsets)
+    return scene, mesh
 
 
 def _turned(

@@ -143,7 +143,16 @@ def _normals(given: TexelGrid, solved: Solved) -> RefinedNormals | None:
     seen = given.coverage & solved.grid.coverage & ~solved.made.maps.filled  # others keep the mesh's normals
     chord = np.linalg.norm(given.normal[seen].astype(np.float64) - solved.grid.normal[seen], axis=-1)
     tilt = 2 * np.degrees(np.arcsin(np.clip(chord / 2, 0, 1)))
-    return RefinedNormals(float(np.median(tilt)) if len(tilt) else 0.0, judged.given, judged.refined)
+    return RefinedNormals(float(np.median(tilt)) if len(tilt) else 0.0, judged.given, judged.refined, _movement(solved))
+
+
+def _movement(solved: Solved) -> float:
+    """As of RefinedNormals."""
+    before, after = solved.given.mesh.positions, solved.scene.mesh.positions
+    if before is after:
+        return 0.0
+    square = float(((after.astype(np.float64) - before) ** 2).sum(-1).mean())
+    return float(np.sqrt(square) / max(float(np.ptp(before.reshape(-1, 3), axis=0).max()), 1e-12))
 
 
 def _calibration(scene: SceneData, solved: Solved) -> Calibration | None:

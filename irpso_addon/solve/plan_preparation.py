@@ -108,9 +108,10 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     yield from clock.stage("pictures", _developed(scene.views, work))
     kernels = "compute" if thread.device().prefers_compute else "fragment"
     scales = np.stack([file_scale(view) for view in scene.views])
-    return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, request.block, request.halo,
+    mesh = replace(scene.mesh, positions=made.scene.mesh.positions)  # they may have followed refined normals
+    return Plan(replace(made.scene, mesh=mesh), settings, udims, request.block, request.halo,
                 thread.settings().memory, kernels, scales, solution, made.level,
-                made.noise, made.robust, made.bounced, _stride(made.scene.views, scene.mesh, udims, settings, work),
+                made.noise, made.robust, made.bounced, _stride(made.scene.views, mesh, udims, settings, work),
                 _blend(bounce) if made.bounced is not None else "", made.tilt)
 
 
