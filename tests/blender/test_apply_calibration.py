@@ -139,6 +139,19 @@ def test_a_size_with_a_driver_stays(scene, records, keep) -> None:
     assert lamp.energy == energy
 
 
+def test_a_lamp_that_was_spoilt_since_leaves_all_as_it_is(scene, records, keep) -> None:
+    """What is wrong with one is found before another is moved."""
+    first, second = bpy.data.objects["Light 0"], bpy.data.objects["Light 1"]
+    keep(change(records), size=records.SizeChange(("Light 0", "Light 1"), 0.2, 0.01, 0.0))
+    second.scale = (0.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    before, energy, radius = world(first), first.data.energy, first.data.shadow_soft_size
+    with pytest.raises(RuntimeError, match="light 'Light 1': its scale is 0"):
+        bpy.ops.irpso.apply_calibration()
+    np.testing.assert_array_equal(world(first), before)
+    assert (first.data.energy, first.data.shadow_soft_size) == (energy, radius)
+
+
 def test_lamps_that_hang_on_each_other(scene, records, keep) -> None:
     """Each goes where the solve has it: a child is not moved twice."""
     parent, child = bpy.data.objects["Light 0"], bpy.data.objects["Light 1"]

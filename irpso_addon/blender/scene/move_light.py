@@ -42,9 +42,10 @@ def check_power(light: Any) -> None:
 
 
 def check_size(light: Any) -> None:
-    """Raises BadInput where the light's size is not its own."""
+    """Raises BadInput where the light's size is not its own, or what it sends with a size is not to be read."""
     if animated(light.data, SIZE):
         raise BadInput(f"light '{light.name}': keyframes or a driver set its size; remove them, then try again")
+    _power(light)
 
 
 def moved_matrix(light: Any, offset: Sequence[float]) -> Matrix:

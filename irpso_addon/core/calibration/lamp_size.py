@@ -2,8 +2,8 @@
 
 A lamp with a size shines a little beyond where a surface turns away from its middle, and its highlights are wider than
 the material's.  Taken for a point, it makes materials too rough.  One number is found, and no other of the rig's with
-it: the size under which neighbouring texels leave least over in common.  It must explain most of that, and predict
-left-out views better.  What the sample knows of pixels, such as how wide they are, stays as it was observed.
+it: the size under which neighbouring texels leave least over in common.  They must leave clearly less, and left-out
+views must be predicted better.  What the sample knows of pixels, such as how wide they are, stays as it was observed.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from .tone_curve import ToneCurve, may_have_one
 
 PUZZLING = 0.1  # relative: what dielectrics leave over where metals are looked for; rigs that are off leave less
 FARTHEST = 0.06  # of a lamp's distance: farther, a curve has made it seem nearer or farther
-BESIDE = 0.2  # the same of a flash beside its camera, whose distance is kept: a hand's breadth in close-ups of a metre
+BESIDE = 0.2  # the same of a flash beside its camera, whose distance is kept: 20 cm from a metre away
 MOST_SHOULDER = 3.5  # logarithm: curves of cameras are 5 to 15 times flatter at white, and a fit may run away
 LEAST_CURVE = 0.05  # logarithm of the response: light that bounces brightens what is dark, as a response of 0.97 does
 VISIBLY = 0.98  # of what predictions are off by: less is not worth a change
@@ -122,7 +122,8 @@ def chosen_of_metals(
 def _beside_lens(contest: Contest, taken: str, kept: Free, start: RigFound) -> Steps[Chosen | None]:
     """The place of the flash beside its cameras too, if parts of the sample agree on it; None: they do not.
 
-    Predictions of left-out views need only be no worse.  ``kept``: what is changed already, ``taken`` in the contest.
+    Predictions of left-out views need only be better by whatever little.  ``kept``: what is changed already, ``taken``
+    in the contest.
     """
     free = replace(kept, lamps=True)
     found = yield from _tried(contest, free, start)
