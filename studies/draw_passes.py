@@ -27,9 +27,10 @@ from irpso_addon.core.tiled.uv_blocks import HALO
 from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.draw_budget import DrawBudget
-from irpso_addon.solve import gpu_path, pipeline
+from irpso_addon.solve import pipeline
 from irpso_addon.solve.block_solve import solve_block
 from irpso_addon.solve.plan_preparation import TiledRequest, make_plan
+from irpso_addon.solve.stages import Clock
 
 MOST = 100.0  # ms; what no pass may take
 Steps = Callable[[], Generator[Progress, None, Any]]
@@ -121,7 +122,7 @@ def a_block(scene: SceneData, settings: SolveSettings, work: WorkFolder) -> tupl
     plans: list[Any] = []
 
     def plan() -> Generator[Progress, None, None]:
-        clock = gpu_path.Clock()
+        clock = Clock()
         plans.append((yield from make_plan(TiledRequest(scene, settings, halo=HALO), work, clock)))
 
     def block() -> Generator[Progress, None, None]:

@@ -17,10 +17,10 @@ from ..core.shading.lights import light_irradiance
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import MeshBuffer
+from ..gpu.gbuffer.texel_grid import draw_texels
 from ..gpu.observe.environment_light import node_places
 from ..gpu.observe.observation_atlas import CameraSource, Layers, ObservationAtlas, tiles
 from ..gpu.observe.observations import EDGE_QUALITY, ObservedCamera, ObservedView, observe
-from ..solve.gpu_path import draw_texels
 
 MOST = 10_000  # pixels of a view whose irradiance is found
 Result = TypeVar("Result")

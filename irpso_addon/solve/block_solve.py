@@ -24,13 +24,15 @@ from ..core.vignetting import brightened
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import MeshBuffer
+from ..gpu.gbuffer.texel_grid import draw_texels
 from ..gpu.maps.finish_maps import CoarseSurroundings, filled
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.picture_memory import channels_needed
 from ..gpu.solve.ladder_records import EarlierResult
-from .gpu_path import Clock, Given, draw_texels, solve_grid
+from .gpu_path import Given, solve_grid
 from .kept_images import reference_key
 from .plan_preparation import picture_path
+from .stages import Clock
 
 Pictures = dict[Hashable, Callable[[], RadianceImage]]  # by `_picture_key`
 STATS = "stats"  # of a block: (1, 7) texels covered, observed, solved, filled; sum and count of squared residuals,

@@ -6,9 +6,8 @@ the GL thread, inside a scope of the device (`Device.scope`), which frees what i
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
@@ -24,92 +23,34 @@ from ..core.calibration.rig_sample import RigSample
 from ..core.calibration.worlds import are_few, judge_worlds
 from ..core.change_records import Calibration
 from ..core.checks.warnings import grouped
-from ..core.data import F32, I32, Bool, Bounced, MeshArrays, SceneData
+from ..core.data import I32, Bool, Bounced, SceneData
 from ..core.errors import BadInput, Cancelled
-from ..core.job import Progress, mapped
-from ..core.live_maps import Live
+from ..core.job import Progress
 from ..core.maps.stride import SparseTexels, pixels_per_texel, stride_of
-from ..core.normals.judge import FEW, NormalsJudged, too_few
-from ..core.normals.relief import judge_normals_and_relief
-from ..core.normals.tilt_sample import TiltSample
+from ..core.normals.judge import NormalsJudged
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import PriorKnowledge
 from ..gpu.device.context import Device
-from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer, draw_texel_grid
+from ..gpu.gbuffer.gbuffer import GBufferMaps
+from ..gpu.gbuffer.texel_grid import TexelGrid
 from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexelGrid, make_maps
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.ambient_light import AmbientShadows
 from ..gpu.observe.observation_atlas import CameraSource, TexelSurface
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
-from ..gpu.solve.followed_mesh import followed
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
-from ..gpu.solve.normal_texels import SAMPLE, SAMPLE_UNDER_WORLDS, refined_normals, seen_by
 from ..gpu.solve.openness import openness
 from ..gpu.solve.sparse_ladder import SparseLadder, looked, picked, surface_of
-from ..gpu.solve.world_light import TiltedLight, too_many_to_tilt, world_sample
+from ..gpu.solve.world_light import world_sample
 from .kept_images import ReadImage
 from .outlined_scene import Observed, through_right_cameras
+from .refined_scene import Surface, refined
+from .stages import Clock
 
 Result = TypeVar("Result")
 REFINED = 0.005  # relative: what refined normals are still off by makes of an observation; residuals do not show it
-STAGES = {  # share of a round's progress
-    "pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.3), "cameras": (0.3, 0.3),
-    "calibrate": (0.3, 0.33), "normals": (0.33, 0.35),
-    "solve": (0.35, 0.85), "maps": (0.85, 1.0), "indirect": (0.0, 1.0), "indirect_test": (0.0, 1.0)}
-
-
-@dataclass
-class Clock:
-    """Seconds per stage, and the coverage that every look at the job shows beside its maps."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    coverage: Bool | None = None
-
-    def stage(
-        self, name: str, steps: Generator[Progress, None, Result], again: tuple[float, float] | None = None,
-    ) -> Generator[Progress, None, Result]:
-        """Steps whose seconds are this stage's.  ``again``: share of the progress where the stage comes twice."""
-        start = time.perf_counter()
-        low, high = again or STAGES[name]
-        reached = 0.0
-
-        def placed(step: Progress) -> Progress:
-            nonlocal reached
-            reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
-            return Progress(low + (high - low) * reached, name, step.message, step.look and partial(
-                self._covered, step.look))
-
-        try:
-            return (yield from mapped(steps, placed))
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-
-    def _covered(self, look: Callable[[], Live]) -> Live:
-        return replace(look(), coverage=self.coverage)
-
-
-@dataclass(frozen=True)
-class TexelGrid:
-    """A mesh on the device and its G-buffer over the texel grid, drawn once and read once."""
-
-    mesh: MeshBuffer
-    maps: GBufferMaps
-    position: F32  # (n, n, 3) world, metres; zero where not covered
-    normal: F32  # (n, n, 3) world, unit, normal map included
-    coverage: Bool  # (n, n)
-    slots: I32  # (n, n) material slot; -1 where not covered
-
-
-def draw_texels(device: Device, mesh: MeshArrays | MeshBuffer, size: int) -> TexelGrid:
-    """The G-buffer of a mesh, ``size`` texels on a side."""
-    buffer = mesh if isinstance(mesh, MeshBuffer) else MeshBuffer(device, mesh)
-    maps = draw_texel_grid(device, buffer, size)
-    position, normal = device.read(maps.position), device.read(maps.normal)
-    coverage = position[..., 3] > 0.5
-    slots = np.where(coverage, normal[..., 3].round().astype(np.int32), -1)
-    return TexelGrid(buffer, maps, position[..., :3], normal[..., :3], coverage, slots)
 
 
 @dataclass(frozen=True)
@@ -297,52 +238,12 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         observations = yield from clock.stage("observe", found.observe(
             scene=scene, limits=replace(found.limits, drawn=observations.cameras)), (0.33, 0.35))
     normals: NormalsJudged | str = ""
+    surface = Surface(scene, grid, observations)
     if given.calibrates and not _glows(scene) and settings.normals == "auto":
-        source = CameraSource(device, part.grid(device, grid.maps), observations, scene.mesh.extent)
-        normals = yield from clock.stage("normals", _refined(source, given, part.solved & grid.coverage, grid))
-    if isinstance(normals, NormalsJudged):
-        scene, mesh = _followed(device, observations, scene, settings.seed, part.solved & grid.coverage, grid)
-        grid.maps.release()
-        grid = draw_texels(device, mesh, len(grid.coverage))
-        observations.release()
-        observations = yield from clock.stage("observe", found.observe(scene=scene, mesh=mesh), (0.33, 0.35))
+        surface, normals = yield from refined(device, surface, part, settings.seed, found.observe, clock)
     return _Views(
-        scene, given.scene, found.calibration, found.in_doubt, found.judged, normals, grid, observations)
-
-
-def _refined(
-    source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
-) -> Generator[Progress, None, NormalsJudged | str]:
-    """Give the mesh refined normals, where they predict left-out views better; else why not."""
-    known, facet, around = given.scene.scale_known, grid.maps.facet, source.layers.environment
-    sample, surface = sampled(
-        source, texels, given.settings.seed, known, SAMPLE_UNDER_WORLDS if around else SAMPLE, facet)
-    if why := FEW if too_few(sample.texels) else too_many_to_tilt(given.scene.views):
-        return why
-    with source.device.scope():
-        light = TiltedLight(source, grid.mesh, given.scene) if around else None
-        worlds = None if light is None else (
-            yield from light(surface, seen_by(sample.texels.quality, source.layers)))
-        judged = yield from judge_normals_and_relief(TiltSample.of(sample, worlds))
-        if not isinstance(judged, NormalsJudged):
-            return judged
-        offsets = yield from refined_normals(source, texels, judged, known, facet, light)
-    grid.mesh.refine(offsets)
-    return judged
-
-
-def _followed(
-    device: Device, observations: Observations, scene: SceneData, seed: int, texels: Bool, grid: TexelGrid,
-) -> tuple[SceneData, MeshBuffer]:
-    """The scene whose mesh has followed its refined normals, where views then agree better; or as it is."""
-    positions = followed(device, observations, grid.mesh, grid.maps, texels, seed)
-    if positions is None:
-        return scene, grid.mesh
-    scene, offsets = replace(scene, mesh=replace(scene.mesh, positions=positions)), grid.mesh.offsets
-    assert offsets is not None
-    mesh = MeshBuffer(device, scene.mesh)
-    mesh.refine(offsets)
-    return scene, mesh
+        surface.scene, given.scene, found.calibration, found.in_doubt, found.judged, normals, surface.grid,
+        surface.observations)
 
 
 def _turned(

@@ -30,11 +30,13 @@ from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.drawn_outline import DrawnOutline
 from ..gpu.gbuffer.gbuffer import overlap_counts
+from ..gpu.gbuffer.texel_grid import TexelGrid, draw_texels
 from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.finish_maps import FinishedMaps
 from ..gpu.maps.partial_solve import PartialSolve, earlier_result_of, partial_solve_of
-from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, keeps_normals, solve_grid
+from .gpu_path import Given, Solved, keeps_normals, solve_grid
 from .kept_images import ReadImage
+from .stages import Clock
 
 DARKEST = 0.015  # base colour that a median seldom is below: coal has 0.02 to 0.04
 FEW = 24  # cameras whose views are checked when a solve was stopped: who stops does not want to wait

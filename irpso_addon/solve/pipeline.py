@@ -30,9 +30,9 @@ from ..core.params import SolveSettings
 from ..core.shading.wide_lamps import with_wide_lamps_as_meshes
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import coarser_line, most_pixels
-from .gpu_path import Clock
 from .kept_images import KeptImages, ReadImage
 from .one_round import Outcome, one_round, tried
+from .stages import Clock
 
 ALIGN_ROUNDS = 4  # of finding where cameras look
 STUCK = 0.75  # of what a camera was off before a round: left over, it says that outlines and shading quarrel

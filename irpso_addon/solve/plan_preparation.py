@@ -25,9 +25,9 @@ from ..core.tiled.uv_blocks import BLOCK, HALO
 from ..core.tiled.work_folder import WorkFolder
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import most_pixels
-from .gpu_path import Clock
 from .one_round import Outcome
 from .pipeline import Bounce, outcome
+from .stages import Clock
 
 PLANNED = 0.25  # of the whole, once the plan is made
 

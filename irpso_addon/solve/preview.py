@@ -27,6 +27,7 @@ from ..core.params import SolveSettings
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer
+from ..gpu.gbuffer.texel_grid import TexelGrid, draw_texels
 from ..gpu.maps.albedo import AlbedoSolver, Gloss
 from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.fill import fill
@@ -34,7 +35,6 @@ from ..gpu.observe.observation_atlas import CameraSource, ObservationAtlas, Tile
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve import live_readback
 from ..gpu.solve.solver import Solver
-from .gpu_path import TexelGrid, draw_texels
 from .kept_images import reference_key
 
 VIEWS = 12  # looked at, at most

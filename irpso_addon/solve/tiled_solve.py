@@ -25,9 +25,9 @@ from ..core.tiled.tiled_plan import Plan
 from ..core.tiled.work_folder import WorkFolder
 from ..gpu.device import thread
 from .block_solve import STATS, layers_of, solve_block
-from .gpu_path import Clock
 from .pipeline import Bounce
 from .plan_preparation import PLANNED, TiledRequest, prepare
+from .stages import Clock
 
 SOLVED = 0.95  # of the whole, once all blocks are solved
 WORK = "irpso_work_"  # begins the name of a folder beside the maps, until they are done

@@ -36,7 +36,8 @@ KERNELS = {"solve/search.kernel": "search", "solve/table.kernel": "tables", "sol
 REST = "rest of the solve"
 PARTS = {  # part: functions, methods and generators of it, below irpso_addon
     DEVICE: ["gpu.device.context:Device.__init__", "gpu.device.context:Device._measure_compute"],
-    "G-buffer": ["solve.gpu_path:draw_texels", "gpu.gbuffer.gbuffer:draw_pixel_grid", "solve.one_round:_checked"],
+    "G-buffer": ["gpu.gbuffer.texel_grid:draw_texels", "gpu.gbuffer.gbuffer:draw_pixel_grid",
+                 "solve.one_round:_checked"],
     "visibility": ["gpu.observe.visibility:LightVisibility.lit_maps",
                    "gpu.observe.environment_light:LitByEnvironment.light"],
     "observations": ["gpu.observe.observations:observe"],
@@ -49,7 +50,8 @@ PARTS = {  # part: functions, methods and generators of it, below irpso_addon
                          "gpu.solve.model_prediction:ModelPrediction.decide",
                          "gpu.solve.model_prediction:ModelPrediction.metal"],
     "calibration": ["solve.gpu_path:_calibrated", "solve.outlined_scene:through_right_cameras"],
-    "normals": ["solve.gpu_path:_refined"],
+    "normals": ["solve.refined_scene:_judged", "gpu.solve.normal_texels:refined_normals",
+                "gpu.solve.followed_mesh:followed"],
     "base colour of pixels": ["gpu.maps.albedo:AlbedoSolver.solve"],
     "back-projection": ["gpu.maps.albedo:AlbedoSolver._back_project"],
     "fill": ["gpu.maps.fill:fill", "gpu.maps.fill:Filler.fill"],

@@ -15,7 +15,8 @@ from irpso_addon.core.reporting.estimates import Estimate
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.draw_budget import DrawBudget
 from irpso_addon.gpu.device.memory import DeviceMemory
-from irpso_addon.solve import gpu_path, one_round, pipeline
+from irpso_addon.gpu.gbuffer import texel_grid
+from irpso_addon.solve import one_round, pipeline
 from studies.budget import instrument, page
 from studies.budget.instrument import DEVICE, OF_COMMANDS, PARTS, instrumented, of_command
 from studies.budget.ledger import COMPILE, GPU, NOTHING, PYTHON, UPLOAD, Ledger
@@ -74,7 +75,7 @@ def test_bytes_are_those_of_the_arrays(solved: tuple[Ledger, float]) -> None:
 
 
 def test_nothing_stays_wrapped(solved: tuple[Ledger, float]) -> None:
-    for function in (DrawBudget.piece, DeviceMemory.texture, thread.run, thread.Job._run, gpu_path.draw_texels,
+    for function in (DrawBudget.piece, DeviceMemory.texture, thread.run, thread.Job._run, texel_grid.draw_texels,
                      one_round._checks):
         assert "studies" not in (function.__module__ or "") and not function.__code__.co_filename.endswith(
             "budget/instrument.py")

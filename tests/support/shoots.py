@@ -14,9 +14,11 @@ from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.gbuffer.texel_grid import draw_texels
 from irpso_addon.gpu.maps.partial_solve import partial_solve_of
 from irpso_addon.solve import pipeline
-from irpso_addon.solve.gpu_path import Clock, Given, PutRight, draw_texels, put_views_right
+from irpso_addon.solve.gpu_path import Given, PutRight, put_views_right
+from irpso_addon.solve.stages import Clock
 from tests.support import synthetic as syn
 
 SIZE = 64

@@ -20,7 +20,8 @@ SETTLED = 3e-3  # of the residual of no tilts
 CURL = 10.0  # times as stiff against circulation as against steps from texel to texel
 ALIKE = 0.5  # cosine between normals of neighbours
 NEAR = 4.0  # times the usual step from texel to texel: farther apart is another part of the surface
-FINEST, ROUGHEST = 0.02, 0.5  # of a tilt's deviation: what steps from texel to texel may be
+FINEST, ROUGHEST = 0.02, 1.0  # of a tilt's deviation: what steps from texel to texel may be
+FARTHER = 1.9  # times as much as over one texel such a field varies over four (mean squares)
 STEEPEST = 1.2  # tangent of the steepest tilt
 ALL = slice(None)
 # Of (h, w) arrays, along each axis: texels that have a next one, and these.
@@ -147,16 +148,16 @@ class _Field:
     def _stiffness(self) -> float:
         """1 / variance of a step of the tilt from texel to texel, by what the texels say beyond their errors.
 
-        Texels that share pixels share errors, so that their steps show less.  Farther steps show the difference: of a
-        smooth field, squares of steps grow with the square of the distance.
+        A smooth surface varies over four texels 16 times as much as over one, this field hardly twice.  What neighbours
+        are to fill in is wider than one texel, so the field is as loose as steps over four texels need.
         """
         known = self.information + np.eye(2, dtype=np.float32) / np.float32(self.deviation) ** 2
         covariance = np.linalg.inv(known)
         offset = self.in_space(np.einsum("hwij,hwj->hwi", covariance, self.pull))
         noise = np.trace(covariance, axis1=2, axis2=3) / 2
-        one, two, four = (self._steps(offset, noise, far) for far in (1, 2, 4))
+        one, four = (self._steps(offset, noise, far) for far in (1, 4))
         low, high = (share * self.deviation for share in (FINEST, ROUGHEST))
-        return 1 / float(np.clip(max(one, (four - two) / (4**2 - 2**2)), low**2, high**2)) / 2
+        return 1 / float(np.clip(max(one, four / FARTHER), low**2, high**2)) / 2
 
     def _steps(self, offset: F32, noise: F32, far: int) -> float:
         """Mean square of steps so many texels far along the surface, an axis, beyond their errors."""

@@ -9,9 +9,9 @@ import moderngl
 import numpy as np
 
 from ...core import log
-from ...core.data import F32, I32, Bool, View
+from ...core.data import F32, I32, Bool, SceneData, View
 from ...core.normals.follow_judge import CameraPair, judged
-from ...core.normals.moved_mesh import moved
+from ...core.normals.moved_mesh import MOST, moved
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, draw_texel_grid
 from ..observe.observations import Observations, ObservedCamera, ObservedView
@@ -22,6 +22,14 @@ TEXELS, SHOWN = 65_536, 4_000_000  # at most; of them in all views
 LEAST_COSINE = 0.25  # between normal and view
 LEAST_QUALITY = 0.5  # of a good pixel's
 DARKEST = 1e-5  # 1/sr
+
+
+def may_follow(scene: SceneData) -> bool:
+    """Whether the mesh is small enough, and some pictures by two cameras have the same light."""
+    cameras: dict[object, set[str]] = {}
+    for view in scene.views:
+        cameras.setdefault(_light(view), set()).add(view.camera.name)
+    return len(scene.mesh.positions) <= MOST and any(len(names) > 1 for names in cameras.values())
 
 
 def followed(

@@ -43,15 +43,16 @@ THREADS = min(os.cpu_count() or 1, 8)  # that fit texels, beside that which read
 
 def refined_normals(
     source: CameraSource, texels: Bool, judged: NormalsJudged, scale_known: bool, facet: moderngl.Texture,
-    worlds: TiltedLight | None = None,
+    worlds: TiltedLight | None = None, most: int = MOST,
 ) -> Generator[Progress, None, F32]:
     """(m, m, 3) over the UV square: what is to be added to the unit shading normals of the ``texels``, (h, w).
 
-    m is less than h where there are more texels than `MOST`: every second or third row and column says the tilts then.
+    m is less than h where there are more texels than ``most``: then every second or third row and column says the
+    tilts.
     ``facet``: as of GBufferMaps.  ``worlds``: where some view has an environment.
     """
     device, layers = source.device, source.layers
-    most = MOST if worlds is None else min(MOST, MOST_UNDER_WORLDS // len(layers.groups))
+    most = most if worlds is None else min(most, MOST_UNDER_WORLDS // len(layers.groups))
     step = max(math.ceil(math.sqrt(np.count_nonzero(texels) / most)), 1)
     kept = np.zeros_like(texels)
     some = slice(step // 2, None, step)
