@@ -26,7 +26,7 @@ from ..gpu.solve.normal_texels import MOST, SAMPLE, SAMPLE_UNDER_WORLDS, refined
 from ..gpu.solve.world_light import TiltedLight, too_many_to_tilt
 from .stages import Clock
 
-FOLLOWED = 20_000  # texels whose tilts say where the vertices are
+FOLLOWED = 40_000  # texels whose tilts say where the vertices are
 AGAIN = (0.33, 0.35)  # share of the progress
 
 Observe = Callable[..., Generator[Progress, None, Observations]]
@@ -94,7 +94,8 @@ def _judged(
         worlds = None if light is None else (
             yield from light(surface, seen_by(sample.texels.quality, source.layers)))
         judged = yield from judge_normals_and_relief(TiltSample.of(sample, worlds))
-        if isinstance(judged, NormalsJudged):
-            given.grid.mesh.refine((yield from refined_normals(
-                source, texels, judged, scene.scale_known, maps.facet, light, most)))
+        if not isinstance(judged, NormalsJudged):
+            return judged
+        offsets = yield from refined_normals(source, texels, judged, scene.scale_known, maps.facet, light, most)
+    given.grid.mesh.refine(offsets)
     return judged

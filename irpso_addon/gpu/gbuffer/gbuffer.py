@@ -90,7 +90,8 @@ class MeshBuffer:
 
     def refine(self, offsets: F32) -> None:
         """From here on the shading normals have these offsets: (m, m, 3) world, added to unit normals."""
-        assert self.tilt is None
+        if self.tilt is not None:
+            self.tilt.release()
         self.offsets = offsets
         self.tilt = self.device.texture(offsets.shape[1], offsets.shape[0], 3, offsets)
         self.tilt.filter = (moderngl.LINEAR, moderngl.LINEAR)
