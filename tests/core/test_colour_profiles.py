@@ -13,7 +13,8 @@ from irpso_addon.core.images.colour import SPACES, known_space
 from irpso_addon.core.images.icc_profile import space_of_profile
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference
-from tests.support.picture_files import RNG, noise, save, view
+from tests.support.picture_files import save, view
+from tests.support.random_pictures import RNG, noise
 
 oiio = pytest.importorskip("OpenImageIO")
 

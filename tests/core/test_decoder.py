@@ -20,7 +20,8 @@ from irpso_addon.core.images.image_file import floats, open_image
 from irpso_addon.core.images.mask import Mask
 from irpso_addon.core.images.oiio_reader import StoredPicture
 from irpso_addon.core.images.reference_image import read_reference
-from tests.support.picture_files import noise, save, view
+from tests.support.picture_files import save, view
+from tests.support.random_pictures import noise
 
 oiio = pytest.importorskip("OpenImageIO")
 ROOT = Path(__file__).parents[2]

@@ -20,7 +20,8 @@ from irpso_addon.core.images.shot_settings import (
     relative_exposures,
 )
 from tests.support.dng_files import Shot, save_dng
-from tests.support.picture_files import RNG, view
+from tests.support.picture_files import view
+from tests.support.random_pictures import RNG
 
 
 def shot(time: float, f_number: float | None = 8.0, iso: float = 100.0) -> ShotSettings:

@@ -11,7 +11,8 @@ import pytest
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import oiio_reader
 from irpso_addon.core.images.reference_image import read_reference, reduce
-from tests.support.picture_files import RNG, error_of, noise, save, view
+from tests.support.picture_files import error_of, save, view
+from tests.support.random_pictures import RNG, noise
 
 oiio = pytest.importorskip("OpenImageIO")
 

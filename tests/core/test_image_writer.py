@@ -13,7 +13,7 @@ import pytest
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import image_file
 from irpso_addon.core.images.image_writer import write_image
-from tests.support.picture_files import RNG, noise
+from tests.support.random_pictures import RNG, noise
 
 
 @pytest.mark.parametrize("channels", [3, 1])

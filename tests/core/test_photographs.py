@@ -16,7 +16,8 @@ from irpso_addon.core.images.colour import srgb_to_linear
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference
 from tests.support.dng_files import Shot, save_dng
-from tests.support.picture_files import RNG, noise, save, view
+from tests.support.picture_files import save, view
+from tests.support.random_pictures import RNG, noise
 
 
 def turned(pixels: np.ndarray, orientation: int) -> np.ndarray:

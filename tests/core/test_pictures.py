@@ -15,7 +15,8 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import oiio_reader
 from irpso_addon.core.images.reference_image import read_reference
 from irpso_addon.core.tiled.reference_cache import CachedReference, cache_reference
-from tests.support.picture_files import noise, save, view
+from tests.support.picture_files import save, view
+from tests.support.random_pictures import noise
 
 pytest.importorskip("OpenImageIO")
 ROOT = Path(__file__).parents[2]

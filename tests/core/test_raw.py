@@ -18,7 +18,8 @@ from irpso_addon.core.images import decoder_pool, oiio_reader, raw_reader
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference, with_one_white_balance
 from tests.support.dng_files import BAYER, COLOUR_MATRIX, XTRANS, Shot, save_dng, tiff
-from tests.support.picture_files import RNG, save, view
+from tests.support.picture_files import save, view
+from tests.support.random_pictures import RNG
 
 pytest.importorskip("OpenImageIO")
 rawpy = pytest.importorskip("rawpy")

@@ -13,7 +13,8 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.read_ahead import READERS, ReadAhead
 from irpso_addon.core.job import Progress, run_to_end
-from tests.support.picture_files import noise, save
+from tests.support.picture_files import save
+from tests.support.random_pictures import noise
 
 pytest.importorskip("OpenImageIO")
 STEP = Progress(0.5, "observe")

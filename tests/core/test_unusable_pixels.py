@@ -10,7 +10,8 @@ import pytest
 
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images.reference_image import read_reference
-from tests.support.picture_files import RNG, error_of, noise, save, view
+from tests.support.picture_files import error_of, save, view
+from tests.support.random_pictures import RNG, noise
 
 # --- clipping and noise
 

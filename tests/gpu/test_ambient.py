@@ -14,7 +14,8 @@ from tests.support import shoots
 from tests.support import synthetic as syn
 
 PIXELS = (96, 96)
-AUTO = {"model": "one-lobe", "registration": "given", "indirect": "off", "lamps": "auto", "exposures": "auto"}
+AUTO = {"model": "one-lobe", "registration": "given", "indirect": "off", "lamps": "auto", "exposures": "auto",
+        "size": 32}
 GIVEN = {"lamps": "given", "exposures": "given"}
 
 

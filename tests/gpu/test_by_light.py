@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import moderngl
@@ -20,11 +21,13 @@ from irpso_addon.gpu.maps import albedo
 from irpso_addon.gpu.maps.albedo import AlbedoSolver, Gloss
 from irpso_addon.gpu.solve.model_prediction import Decision, ModelPrediction
 from irpso_addon.gpu.solve.trial_runs import BY_LIGHT, TrialRuns
+from tests.support import shoots
 from tests.support import synthetic as syn
 from tests.support import tilted_sphere as balls
-from tests.support.shoots import half_again, run
+from tests.support.shoots import half_again
 
 BASE = np.array([0.5, 0.35, 0.2])
+run = partial(shoots.run, size=32)
 SAMPLER_2D = 0x8B5E  # GL_SAMPLER_2D
 EVEN = replace(syn.PATCHES, base=lambda u, v: np.broadcast_to(BASE, (*np.shape(u), 3)))
 

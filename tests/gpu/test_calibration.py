@@ -17,7 +17,8 @@ from tests.support import shoots
 from tests.support import synthetic as syn
 
 PIXELS = (96, 96)
-AUTO = {"model": "one-lobe", "registration": "given", "indirect": "off", "lamps": "auto", "exposures": "auto"}
+AUTO = {"model": "one-lobe", "registration": "given", "indirect": "off", "lamps": "auto", "exposures": "auto",
+        "size": 32}
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from tests.support import synthetic as syn
 from tests.support.texels import Texels, as_metal, by_channel, exact, finish
 
 COAT = Coat(0.6, 0.25)
+solve = partial(shoots.run, size=32)
 
 
 def under(texels: Texels, coat: Coat) -> Texels:
@@ -70,8 +71,8 @@ def shoot() -> syn.Shoot:
 
 def given(shoot: syn.Shoot, **values: Any) -> Solution:
     """Solved at what an earlier result gives."""
-    earlier = replace(shoots.run(shoot, model="one-lobe", loss="squares"), coats={"Paint": COAT}, **values)
-    return shoots.run(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
+    earlier = replace(solve(shoot, model="one-lobe", loss="squares"), coats={"Paint": COAT}, **values)
+    return solve(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
 
 
 @pytest.fixture(scope="module")
@@ -106,12 +107,12 @@ def test_views_show_what_maps_below_a_coat_predict(found):
 
 def test_a_part_keeps_the_coat(shoot, found):
     again = shoots.half_again(shoot, found)
-    part = shoots.run(again)
+    part = solve(again)
     assert (part.model, part.coats, part.levels) == (found.model, found.coats, found.levels)
     off = np.abs(part.maps.roughness - found.maps.roughness)[part.maps.coverage & ~part.maps.filled]
     assert np.median(off) < 1e-5
     with pytest.raises(BadInput, match="'Paint': its other region has a coat, for which only model Auto solves"):
-        shoots.run(again, model="one-lobe-specular")
+        solve(again, model="one-lobe-specular")
 
 
 ONE = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.55))
@@ -123,7 +124,7 @@ def test_a_coat_is_found(metallic):
     """Of a material of one roughness; what it does to pictures that were not taken decides."""
     shoot = syn.shoot(replace(ONE, reflect=partial(brdf.principled, metallic=metallic, coat=COAT)),
                       shoots.rig(1, 24), (56, 56), noise=0.003)
-    solution = shoots.run(shoot, model="auto")
+    solution = solve(shoot, model="auto")
     assert solution.predictions["Paint"].taken.endswith("coat")
     coat = solution.coats["Paint"]
     assert coat.weight == pytest.approx(COAT.weight, abs=0.08)
@@ -143,7 +144,7 @@ def not_lambert(base: np.ndarray, rough: np.ndarray, L: np.ndarray, V: np.ndarra
 def test_none_is_found_where_there_is_none():
     """A coat is tried, because nothing explains the material, and not taken."""
     shoot = syn.shoot(replace(ONE, reflect=not_lambert), shoots.rig(1, 24), (56, 56), noise=0.003)
-    solution = shoots.run(shoot, model="auto")
+    solution = solve(shoot, model="auto")
     assert solution.coats == {}
     assert any(name.endswith("coat") for name in solution.predictions["Paint"].tried)
 
@@ -153,7 +154,7 @@ def test_a_coat_is_found_above_texels_that_differ():
     """Of four roughnesses; on none of them may the coat's own lobe be taken for the material's."""
     shoot = syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, coat=COAT)), shoots.rig(1, 24), (56, 56),
                       noise=0.003)
-    solution = shoots.run(shoot, model="auto")
+    solution = solve(shoot, model="auto")
     coat = solution.coats["Paint"]
     assert coat.weight == pytest.approx(COAT.weight, abs=0.1) and coat.roughness == pytest.approx(0.25, abs=0.04)
     assert {"a value a texel and coat", "one value, level and coat"} <= set(solution.predictions["Paint"].tried)

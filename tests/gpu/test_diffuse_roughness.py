@@ -22,6 +22,7 @@ from tests.support.texels import Texels, by_channel, exact, finish
 
 ROUGH = 0.6
 REFLECT = partial(brdf.principled, diffuse_roughness=ROUGH)
+solve = partial(shoots.run, size=32)
 
 
 def roughened(problem: Problem) -> Texels:
@@ -76,9 +77,9 @@ def shoot() -> syn.Shoot:
 @pytest.fixture(scope="module")
 def found(shoot: syn.Shoot) -> Solution:
     """Solved at what an earlier result gives."""
-    earlier = replace(shoots.run(shoot, model="one-lobe", loss="squares"), model={"Paint": "one-lobe-specular"},
+    earlier = replace(solve(shoot, model="one-lobe", loss="squares"), model={"Paint": "one-lobe-specular"},
                       levels={"Paint": 0.5}, diffuse_roughness={"Paint": ROUGH})
-    return shoots.run(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
+    return solve(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
 
 
 def test_maps_above_a_rough_diffuse_come_out(shoot, found):
@@ -97,12 +98,12 @@ def test_views_show_what_maps_with_a_rough_diffuse_predict(found):
 
 def test_a_part_keeps_the_diffuse_roughness(shoot, found):
     again = shoots.half_again(shoot, found)
-    part = shoots.run(again)
+    part = solve(again)
     assert (part.model, part.diffuse_roughness, part.levels) == (found.model, found.diffuse_roughness, found.levels)
     off = np.abs(part.maps.roughness - found.maps.roughness)[part.maps.coverage & ~part.maps.filled]
     assert np.median(off) < 1e-5
     with pytest.raises(BadInput, match="'Paint': its other region has a Diffuse Roughness, for which only model Auto"):
-        shoots.run(again, model="one-lobe-specular")
+        solve(again, model="one-lobe-specular")
 
 
 ONE = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.4))
@@ -114,7 +115,7 @@ def test_a_rough_diffuse_is_found(roughness):
     """Of a material of one roughness, and nothing else is taken for it."""
     shoot = syn.shoot(replace(ONE, reflect=partial(brdf.principled, diffuse_roughness=roughness)),
                       shoots.rig(1, 24), (56, 56), noise=0.003)
-    solution = shoots.run(shoot, model="auto")
+    solution = solve(shoot, model="auto")
     assert solution.predictions["Paint"].taken.endswith("rough diffuse")
     assert solution.diffuse_roughness["Paint"] == pytest.approx(roughness, abs=0.02)
     assert (solution.metallic, solution.coats) == ({}, {})
@@ -137,7 +138,7 @@ def test_it_is_found_where_a_metal_leaves_little():
         roughness=lambda u, v: np.full_like(u, 0.9),
         reflect=partial(brdf.principled, diffuse_roughness=0.35, level=0.2))
     shoot = syn.shoot(matt, views, (56, 56), noise=0.01)
-    solution = shoots.run(shoot, model="auto", lamps="given", exposures="given")
+    solution = solve(shoot, model="auto", lamps="given", exposures="given")
     assert solution.metallic == {}
     assert solution.diffuse_roughness["Paint"] == pytest.approx(0.35, abs=0.02)
     assert np.median(shoots.errors(solution, shoot.truth).base) < 0.01
@@ -147,7 +148,7 @@ def test_it_is_found_where_a_metal_leaves_little():
 def test_it_is_found_below_texels_that_differ():
     """Of four roughnesses, which no one value explains."""
     shoot = syn.shoot(replace(syn.PATCHES, reflect=REFLECT), shoots.rig(1, 24), (56, 56), noise=0.003)
-    solution = shoots.run(shoot, model="auto")
+    solution = solve(shoot, model="auto")
     assert solution.predictions["Paint"].taken.startswith("a value a texel")
     assert solution.diffuse_roughness["Paint"] == pytest.approx(ROUGH, abs=0.03)
     off = shoots.errors(solution, shoot.truth)
@@ -159,5 +160,5 @@ def test_it_is_found_below_texels_that_differ():
                                      partial(brdf.principled, coat=Coat(0.6, 0.25))], ids=["paint", "metal", "coat"])
 def test_none_is_found_where_there_is_none(reflect):
     shoot = syn.shoot(replace(ONE, reflect=reflect), shoots.rig(1, 24), (56, 56), noise=0.003)
-    solution = shoots.run(shoot, model="auto")
+    solution = solve(shoot, model="auto")
     assert solution.diffuse_roughness == {}

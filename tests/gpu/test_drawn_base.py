@@ -45,7 +45,7 @@ PRINT = replace(CLOTH, base=syn.PATCHES.base)
 
 
 def solved(truth: syn.Truth) -> Solution:
-    return run(syn.shoot(truth, rig(1, 8), noise=0.01), model="auto")
+    return run(syn.shoot(truth, rig(1, 8), noise=0.01), model="auto", size=32)
 
 
 def off(solution: Solution, truth: syn.Truth) -> np.ndarray:

@@ -16,7 +16,7 @@ def blender() -> window.Blender:
     """Skips where there is none; `make test-gui` sees to it that there is."""
     if not os.environ.get("BLENDER"):
         pytest.skip("BLENDER names no Blender with a window: use 'make test-gui'")
-    return replace(program.blender(), smooth=False)
+    return replace(program.blender(), plain=True)
 
 
 @pytest.fixture(scope="session")

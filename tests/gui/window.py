@@ -100,7 +100,7 @@ class Blender:
     program: str
     user: Path  # BLENDER_USER_RESOURCES; copied for each run, so that no run inherits another's
     home: Path  # HOME: the driver's cache of shaders is kept from run to run, as on any user's machine
-    smooth: bool = True  # whether the viewport has smooth edges, as for a user: eight draws for one
+    plain: bool = False  # whether viewports are drawn as plainly as may be, and not as for a user
 
     def environment(self, **more: str) -> dict[str, str]:
         """Of every Blender here: nothing of the caller's but its PATH and what chooses the graphics driver."""
@@ -124,7 +124,7 @@ class Blender:
         (folder / "wanted").mkdir(parents=True)
         shutil.copytree(self.user, folder / "user", symlinks=True)
         (folder / "scenario.json").write_text(json.dumps(
-            {"scenario": scenario, "arguments": arguments, "smooth": self.smooth}))
+            {"scenario": scenario, "arguments": arguments, "plain": self.plain}))
         command = [self.program, "--gpu-backend", gpu, *(["--enable-event-simulate"] if clicks else []),
                    "--window-geometry", "0", "0", *map(str, screen_size), "--python-exit-code", "1", "-P", str(BOOT),
                    "--", str(folder)]

@@ -12,8 +12,6 @@ from irpso_addon.core.data import Camera, View
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images.reference_image import read_reference
 
-RNG = np.random.default_rng(7)
-
 
 def camera(aspect: float) -> Camera:
     return Camera("Cam", np.eye(4), np.eye(4), np.zeros(3), np.array([0.0, 0, -1]), False, aspect)
@@ -36,10 +34,6 @@ def save(path: Path, pixels: np.ndarray, form: str = "float", names: str = "RGBA
     assert file.open(str(path), spec), file.geterror()
     assert file.write_image(np.ascontiguousarray(pixels)) and file.close(), file.geterror()
     return path
-
-
-def noise(h: int = 20, w: int = 30, c: int = 3) -> np.ndarray:
-    return RNG.uniform(0.01, 0.9, (h, w, c)).astype(np.float32)
 
 
 def error_of(v: View, **more) -> str:

@@ -11,4 +11,4 @@ import robot
 
 ask = json.loads((robot.FOLDER / "scenario.json").read_text())
 module, function = ask["scenario"].split(":")
-robot.play(lambda: getattr(importlib.import_module(module), function)(**ask["arguments"]), ask["smooth"])
+robot.play(lambda: getattr(importlib.import_module(module), function)(**ask["arguments"]), ask["plain"])

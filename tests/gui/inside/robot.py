@@ -10,7 +10,8 @@ import json
 import sys
 import time
 import traceback
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ HOVER = 0.05  # seconds until Blender has drawn what the mouse is over
 REST = 0.004  # seconds of each of Blender's rounds; by itself it rests 0.005 where no event waits
 PATIENCE = 60.0  # seconds that anything may take unless a scenario says otherwise
 _told: dict[str, Any] = {}
+_met: list[tuple[str, float, float]] = []  # buttons that were found, and where
 _began = time.monotonic()
 
 
@@ -37,14 +39,17 @@ def say(*words: object) -> None:
     print(f"[{time.monotonic() - _began:6.2f} s]", *words, flush=True)
 
 
-def play(scenario: Callable[[], Steps], smooth: bool) -> None:
+def play(scenario: Callable[[], Steps], plain: bool) -> None:
     """Run a scenario from a timer that outlives loading files; then quit, with status 0 if nothing was raised.
 
-    Not ``smooth``: the viewport's edges are drawn once, where Blender would draw all of it eight times for them.
+    ``plain``: viewports are drawn without what no test looks at, because every redraw takes the processor long.
     """
     bpy.context.preferences.view.show_splash = False
-    if not smooth:
+    if plain:
         bpy.context.preferences.system.viewport_aa = "OFF"
+        bpy.context.preferences.system.use_overlay_smooth_wire = False
+        _draw_plainly()
+        bpy.app.handlers.load_post.append(_draw_plainly)
     steps: list[Steps] = []
 
     def tick() -> float | None:
@@ -63,6 +68,17 @@ def play(scenario: Callable[[], Steps], smooth: bool) -> None:
     bpy.app.timers.register(tick, first_interval=0.5, persistent=True)
     if bpy.app.use_event_simulate:
         bpy.app.timers.register(_rest, persistent=True)
+
+
+@bpy.app.handlers.persistent
+def _draw_plainly(*_: object) -> None:
+    """No grid and no outline in any viewport; EEVEE draws one sample of every eighth pixel of a row and a column."""
+    for screen in bpy.data.screens:
+        for view in (space for area in screen.areas for space in area.spaces if space.type == "VIEW_3D"):
+            view.overlay.show_floor = view.overlay.show_axis_x = view.overlay.show_axis_y = False
+            view.overlay.show_outline_selected = False
+    for scene in bpy.data.scenes:
+        scene.eevee.taa_samples, scene.render.preview_pixel_size = 1, "8"
 
 
 def _rest() -> float:
@@ -187,29 +203,38 @@ def find(what: str, of: str = "VIEW_3D", kind: str = "UI", across: tuple[float, 
          below: float | None = None) -> Steps:
     """Go down a region with the mouse until it is over ``what`` (part of a command or data path); returns (x, y).
 
-    ``across``: at which parts of the region's width to go down; ``below``: from which height, by default the top.
-    Panels may still be sliding open: found is what is there a moment later too.
+    First it looks where it was met before.  ``across``: at which parts of the region's width to go down; ``below``:
+    from which height, by default the top.  Panels may still be sliding open: found is what is there a moment later too.
     Raises AssertionError with what was met instead.
     """
     met: list[str] = []
-    for part in (*across, *across):
-        at = region(kind, of)
-        x = at.x + int(at.width * part)
-        for y in range(int(below or at.y + at.height - 8), at.y + 4, -11):
-            move(x, y)
-            yield 0.02
+    at = region(kind, of)
+    top = int(below or at.y + at.height - 8)
+    before = [(x, y) for (name, x, y) in _met if what in name and at.y < y <= top and at.x < x < at.x + at.width]
+    for x, y in chain(before[-1:], *(_down(of, kind, part, below) for part in (*across, *across))):
+        move(x, y)
+        yield 0.02
+        here = hovered(of, kind)
+        if what in here:
+            yield 0.2
             here = hovered(of, kind)
-            if what in here:
-                yield 0.2
-                here = hovered(of, kind)
-            if what in here:
-                say("found", here, "at", (x, y))
-                return x, y
-            if here and here not in met:
-                met.append(here)
+        if what in here:
+            say("found", here, "at", (x, y))
+            _met.append((here, x, y))
+            return x, y
+        if here and here not in met:
+            met.append(here)
     shot(f"no-{what.replace('/', '-')}")
     yield 0.5
     raise AssertionError(f"no {what} in {of} {kind}; there are {met}")
+
+
+def _down(of: str, kind: str, part: float, below: float | None) -> Iterator[tuple[int, int]]:
+    """Places of `find`, at one part of the region's width."""
+    at = region(kind, of)
+    x = at.x + int(at.width * part)
+    for y in range(int(below or at.y + at.height - 8), at.y + 4, -11):
+        yield x, y
 
 
 def press(what: str, **where: Any) -> Steps:
