@@ -155,9 +155,9 @@ def solve_grid(
     device: Device, grid: TexelGrid, given: Given, clock: Clock,
 ) -> Generator[Progress, None, Solved]:
     """Observe, solve and make maps.  Raises BadInput where no view is usable, Cancelled as ``given`` says."""
-    scene, part = given.scene, given.part
+    part = given.part
     views = yield from _observed(device, grid, given, clock)
-    scene, grid, observations = views.scene, views.grid, views.observations
+    right, grid = views.right, views.grid
     maps = part.grid(device, grid.maps)
     sparse = _sparse(views, given)
     ladder: LadderResult = yield from clock.stage("solve", _ladder(device, maps, views, given, sparse))
@@ -167,12 +167,12 @@ def solve_grid(
         ladder.model = dict(given.model)
     found = None if sparse is None else SparseLadder(sparse, ladder)
     texels = SolvedTexelGrid(
-        maps, grid.slots, observations, found.everywhere() if found else ladder, given.settings.ndf, found)
-    made: FinishedMaps = yield from clock.stage("maps", make_maps(device, scene, texels, part, given.around))
+        maps, grid.slots, right.observations, found.everywhere() if found else ladder, given.settings.ndf, found)
+    made: FinishedMaps = yield from clock.stage("maps", make_maps(device, right.scene, texels, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled
-    return Solved(scene, views.given, views.calibration, views.in_doubt, views.judged, views.normals, grid,
-                  observations, sparse.stride if sparse else 1, texels.ladder, made)
+    return Solved(right.scene, right.given, right.calibration, right.in_doubt, right.judged, views.normals, grid,
+                  right.observations, sparse.stride if sparse else 1, texels.ladder, made)
 
 
 def _sparse(views: _Views, given: Given) -> SparseTexels | None:
@@ -181,8 +181,8 @@ def _sparse(views: _Views, given: Given) -> SparseTexels | None:
     if given.settings.method == "paper":
         return None
     if not stride:
-        cameras = [(camera.camera, camera.maps.position.size) for camera in views.observations.cameras]
-        stride = stride_of(pixels_per_texel(views.scene.mesh, cameras, size), size)
+        cameras = [(camera.camera, camera.maps.position.size) for camera in views.right.observations.cameras]
+        stride = stride_of(pixels_per_texel(views.right.scene.mesh, cameras, size), size)
     return None if stride == 1 else SparseTexels.of(views.grid.position, _slots(views, given), stride)
 
 
@@ -200,13 +200,13 @@ def _ladder(
     device: Device, maps: GBufferMaps, views: _Views, given: Given, sparse: SparseTexels | None,
 ) -> Generator[Progress, None, LadderResult]:
     """The solve stage, of the ``sparse`` texels alone where there are such."""
-    scene, slots, last = views.scene, _slots(views, given), given.last
+    scene, slots, last = views.right.scene, _slots(views, given), given.last
     surface: TexelSurface = maps
     if sparse is not None:
         surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
         last = None if last is None else picked(last, sparse)
     misfit = REFINED if views.grid.mesh.offsets is not None or keeps_normals(scene) else 0.0
-    source = CameraSource(device, surface, views.observations, scene.mesh.extent, misfit,
+    source = CameraSource(device, surface, views.right.observations, scene.mesh.extent, misfit,
                           1 if sparse is None else sparse.stride)
     steps = Ladder(device, source, given.settings,
                    Materials(slots, scene.mesh.slot_names), last, given.before, scale_known=scene.scale_known).solve()
@@ -217,14 +217,9 @@ def _ladder(
 class _Views:
     """What the views show, once all that may be is put right."""
 
-    scene: SceneData
-    given: SceneData  # cameras put right alone
-    calibration: Calibration | None
-    in_doubt: Calibration | None
-    judged: Judged | None
+    right: PutRight  # with the scene and observations of the refined normals
     normals: NormalsJudged | str
     grid: TexelGrid
-    observations: Observations
 
 
 @dataclass(frozen=True)
@@ -236,7 +231,7 @@ class PutRight:
     calibration: Calibration | None
     in_doubt: Calibration | None
     judged: Judged | None
-    observations: Observations  # of ``given``
+    observations: Observations  # of ``given``; in `_Views` of ``scene``
     observe: Callable[..., Generator[Progress, None, Observations]]  # another scene; ``limits``: other than those
     limits: ObserveOptions
 
@@ -306,8 +301,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         grid = draw_texels(device, mesh, len(grid.coverage))
         observations.release()
         observations = yield from clock.stage("observe", found.observe(scene=scene, mesh=mesh), (0.33, 0.35))
-    return _Views(
-        scene, given.scene, found.calibration, found.in_doubt, found.judged, normals, grid, observations)
+    return _Views(replace(found, scene=scene, observations=observations), normals, grid)
 
 
 def _refined(
