@@ -96,9 +96,9 @@ def solve_grid(
     device: Device, grid: TexelGrid, given: Given, clock: Clock,
 ) -> Generator[Progress, None, Solved]:
     """Observe, solve and make maps.  Raises BadInput where no view is usable, Cancelled as ``given`` says."""
-    scene, part = given.scene, given.part
+    part = given.part
     views = yield from _observed(device, grid, given, clock)
-    scene, grid, observations = views.scene, views.grid, views.observations
+    right, grid = views.right, views.grid
     maps = part.grid(device, grid.maps)
     sparse = _sparse(views, given)
     ladder: LadderResult = yield from clock.stage("solve", _ladder(device, maps, views, given, sparse))
@@ -108,12 +108,12 @@ def solve_grid(
         ladder.model = dict(given.model)
     found = None if sparse is None else SparseLadder(sparse, ladder)
     texels = SolvedTexelGrid(
-        maps, grid.slots, observations, found.everywhere() if found else ladder, given.settings.ndf, found)
-    made: FinishedMaps = yield from clock.stage("maps", make_maps(device, scene, texels, part, given.around))
+        maps, grid.slots, right.observations, found.everywhere() if found else ladder, given.settings.ndf, found)
+    made: FinishedMaps = yield from clock.stage("maps", make_maps(device, right.scene, texels, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled
-    return Solved(scene, views.given, views.calibration, views.in_doubt, views.judged, views.normals, grid,
-                  observations, sparse.stride if sparse else 1, texels.ladder, made)
+    return Solved(right.scene, right.given, right.calibration, right.in_doubt, right.judged, views.normals, grid,
+                  right.observations, sparse.stride if sparse else 1, texels.ladder, made)
 
 
 def _sparse(views: _Views, given: Given) -> SparseTexels | None:
@@ -122,8 +122,8 @@ def _sparse(views: _Views, given: Given) -> SparseTexels | None:
     if given.settings.method == "paper":
         return None
     if not stride:
-        cameras = [(camera.camera, camera.maps.position.size) for camera in views.observations.cameras]
-        stride = stride_of(pixels_per_texel(views.scene.mesh, cameras, size), size)
+        cameras = [(camera.camera, camera.maps.position.size) for camera in views.right.observations.cameras]
+        stride = stride_of(pixels_per_texel(views.right.scene.mesh, cameras, size), size)
     return None if stride == 1 else SparseTexels.of(views.grid.position, _slots(views, given), stride)
 
 
@@ -141,13 +141,13 @@ def _ladder(
     device: Device, maps: GBufferMaps, views: _Views, given: Given, sparse: SparseTexels | None,
 ) -> Generator[Progress, None, LadderResult]:
     """The solve stage, of the ``sparse`` texels alone where there are such."""
-    scene, slots, last = views.scene, _slots(views, given), given.last
+    scene, slots, last = views.right.scene, _slots(views, given), given.last
     surface: TexelSurface = maps
     if sparse is not None:
         surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
         last = None if last is None else picked(last, sparse)
     misfit = REFINED if views.grid.mesh.offsets is not None or keeps_normals(scene) else 0.0
-    source = CameraSource(device, surface, views.observations, scene.mesh.extent, misfit,
+    source = CameraSource(device, surface, views.right.observations, scene.mesh.extent, misfit,
                           1 if sparse is None else sparse.stride)
     steps = Ladder(device, source, given.settings,
                    Materials(slots, scene.mesh.slot_names), last, given.before, scale_known=scene.scale_known).solve()
@@ -158,14 +158,9 @@ def _ladder(
 class _Views:
     """What the views show, once all that may be is put right."""
 
-    scene: SceneData
-    given: SceneData  # cameras put right alone
-    calibration: Calibration | None
-    in_doubt: Calibration | None
-    judged: Judged | None
+    right: PutRight  # with the scene and observations of the refined normals
     normals: NormalsJudged | str
     grid: TexelGrid
-    observations: Observations
 
 
 @dataclass(frozen=True)
@@ -177,7 +172,7 @@ class PutRight:
     calibration: Calibration | None
     in_doubt: Calibration | None
     judged: Judged | None
-    observations: Observations  # of ``given``
+    observations: Observations  # of ``given``; in `_Views` of ``scene``
     observe: Callable[..., Generator[Progress, None, Observations]]  # another scene; ``limits``: other than those
     limits: ObserveOptions
 
@@ -241,9 +236,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     surface = Surface(scene, grid, observations)
     if given.calibrates and not _glows(scene) and settings.normals == "auto":
         surface, normals = yield from refined(device, surface, part, settings.seed, found.observe, clock)
-    return _Views(
-        surface.scene, given.scene, found.calibration, found.in_doubt, found.judged, normals, surface.grid,
-        surface.observations)
+    return _Views(replace(found, scene=surface.scene, observations=surface.observations), normals, surface.grid)
 
 
 def _turned(

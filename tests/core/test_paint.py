@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.calibration.paint import Elimination, Paint, quotients
+from irpso_addon.core.calibration.paint import Elimination, OwnNumbers, Paint, quotients
 from irpso_addon.core.evaluation.sampled_texels import OTHER_CAMERA
 
 CAMERA = np.array([0, 1, 0, 2, 1, 0])  # of each layer, of one channel: the third camera has one view alone
@@ -41,7 +41,7 @@ def test_what_is_taken_is_what_the_own_numbers_explain(paint) -> None:
     rng = np.random.default_rng(5)
     shape = (40, len(CAMERA))
     share, bend, tilt = rng.uniform(0.2, 1.0, shape), rng.normal(size=shape), rng.normal(size=shape)
-    own = Elimination([paint], rng.uniform(0.0, 2.0, shape), share, bend, 0.02, (tilt,))
+    own = Elimination(OwnNumbers([paint], share, bend, (tilt,)), rng.uniform(0.0, 2.0, shape), 0.02)
     slopes = rng.normal(size=(7, *shape))
     across = np.einsum("tvm,ktv->mkt", own.weighted, slopes)
     explained = np.stack([one - own.remains(one) for one in slopes])

@@ -12,13 +12,14 @@ from ..evaluation.folds import split
 from ..job import Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
 from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_off, pruned, sure_of_ambient
-from .rig_fit import AGAIN, ROUNDS, RigFound, around_of, fit_rig
+from .rig_fit import AGAIN, ROUNDS, RigFit, RigFound, around_of, fit_rig
 from .rig_numbers import Free
 from .rig_sample import RigSample
 
 # Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
 # of a matt figurine show 0.1 to 0.2.
 LEAST_BEND = 0.08
+QUICK = 2  # rounds that say whether something seems to be off
 HOPELESS = 0.75  # of what neighbours have in common: where all numbers leave more, none of them leave HALF
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 
@@ -64,15 +65,16 @@ def everything_of(
     ``tilts``: of the texels' normals too.
     """
     frees = candidates(sample, lamps, exposures, tilts)
-    quick = yield from share_of(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
+    fit = RigFit(sample, frees[-1])
+    quick = yield from share_of(fit.found(QUICK), 0.0, 0.1)
     if not frees[-1].levels:
-        levels = replace(frees[-1], levels=True)
-        other = yield from share_of(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
-        if other.scatter < PAYS * quick.scatter:
-            quick, frees = other, [replace(free, levels=True) for free in frees]
+        other = RigFit(sample, replace(frees[-1], levels=True))
+        beside = yield from share_of(other.found(QUICK), 0.1, 0.2)
+        if beside.scatter < PAYS * quick.scatter:
+            fit, quick, frees = other, beside, [replace(free, levels=True) for free in frees]
     if not is_off(quick):
         return None, False
-    everything = yield from share_of(fit_rig(sample, frees[-1]), 0.2, 0.5)
+    everything = yield from share_of(fit.found(ROUNDS), 0.2, 0.5)
     away = everything.scatter > everything.given
     if frees[-1].lamps and not gains(everything) and (gains(quick) or not tilts):
         everything = yield from _from_afar(sample, frees[-1])

@@ -111,11 +111,11 @@ def _few(told: F64, numbers: int) -> float:
 
 def _apart(columns: F64, weight: F64, view: np.ndarray) -> F64:
     """(n, T, V) without the means of texels and of views."""
-    columns, of_texel = columns.copy(), np.maximum(weight.sum(1), LEAST)
-    views = [view == place for place in np.unique(view)]
+    of_texel = np.maximum(weight.sum(1), LEAST)
+    places, of = np.unique(view, return_inverse=True)
+    own = np.eye(len(places))[of]  # (V, views)
+    of_view = np.maximum(weight.sum(0) @ own, LEAST)
     for _ in range(SWEEPS):
-        columns -= ((weight * columns).sum(2) / of_texel)[..., None]
-        for own in views:
-            total = (weight[:, own] * columns[:, :, own]).sum((1, 2)) / max(float(weight[:, own].sum()), LEAST)
-            columns[:, :, own] -= total[:, None, None]
+        columns = columns - ((weight * columns).sum(2) / of_texel)[..., None]
+        columns -= ((weight * columns).sum(1) @ own / of_view)[:, None, of]
     return columns

@@ -73,39 +73,46 @@ def quotients(paints: list[Paint], above: F64, below: F64) -> F64:
     return result
 
 
-class Elimination:
-    """Of each texel's own numbers, for one linearisation.  (T, V) arrays are of texels and layers."""
+class OwnNumbers:
+    """Of each texel, in one linearisation: what log radiance changes by.  (T, V) arrays are of texels and layers."""
 
     def __init__(
-        self, paints: list[Paint], weight: F64, share: F64, bend: F64, scatter: float, tilts: tuple[F64, ...] = (),
-        metals: F64 | None = None,
+        self, paints: list[Paint], share: F64, bend: F64, tilts: tuple[F64, ...] = (), metals: F64 | None = None,
     ) -> None:
         """``share``, ``bend``: slopes of log radiance by the logarithms of base colour and roughness.
 
         ``tilts``: by radians of the normal, each way; none: it is right.
         """
-        columns, priors = [bend], [(scatter / ROUGHNESS) ** 2]
+        columns, spread = [bend], [ROUGHNESS]
+        self.share = share
+        self.alone: list[int] = []  # layers of cameras that have no other: there the camera's own base colour is noise
         for paint in paints:
             own = [paint.layers[camera] for camera in paint.cameras] if len(paint.cameras) > 1 else []
             for layers in (paint.layers, *(layers for layers in own if len(layers) > 1)):
                 column = np.zeros_like(share)
                 column[:, layers] = share[:, layers]
                 columns.append(column)
-                priors.append((scatter / OWN) ** 2 if len(priors) > 1 and layers is not paint.layers else LEAST)
-            alone = [layers[0] for layers in own if len(layers) == 1]  # there the camera's own is noise
-            weight = weight.copy()
-            weight[:, alone] /= 1 + weight[:, alone] * (share[:, alone] * OWN / scatter) ** 2
+                spread.append(OWN if layers is not paint.layers else np.inf)
+            self.alone += [int(layers[0]) for layers in own if len(layers) == 1]
         columns += tilts
-        priors += [(scatter / TILT) ** 2] * len(tilts)
+        spread += [TILT] * len(tilts)
         if metals is not None:
             columns.append(metals)
-            priors.append((scatter / METALLIC) ** 2)
-        self.weight = weight
+            spread.append(METALLIC)
         self.columns = np.stack(columns, -1)  # (T, V, m)
-        self.weighted = self.columns * weight[..., None]
+        self.spread = np.array(spread)  # (m,) standard deviations
+
+
+class Elimination:
+    """Of each texel's own numbers, under some weights.  (T, V) arrays are of texels and layers."""
+
+    def __init__(self, own: OwnNumbers, weight: F64, scatter: float) -> None:
+        self.weight, self.columns, alone = weight.copy(), own.columns, own.alone
+        self.weight[:, alone] /= 1 + weight[:, alone] * (own.share[:, alone] * OWN / scatter) ** 2
+        self.weighted = self.columns * self.weight[..., None]
         normal = self.weighted.transpose(0, 2, 1) @ self.columns
-        m = len(priors)
-        normal[:, range(m), range(m)] += np.array(priors)
+        m = len(own.spread)
+        normal[:, range(m), range(m)] += np.maximum((scatter / own.spread) ** 2, LEAST)
         self.root = np.linalg.inv(np.linalg.cholesky(normal)).transpose(0, 2, 1)  # its square is the inverse
 
     def remains(self, values: F64) -> F64:

@@ -63,7 +63,7 @@ def fit_rig(
     `tell_typical`, or as ``prior`` says, that of a fit to the same sample with the same numbers free.
     """
     refit = start is None or rounds is not None
-    return _RigFit(sample, free, factor, prior).found(start, (rounds or ROUNDS) if refit else again, refit)
+    return RigFit(sample, free, start, refit, factor, prior).found((rounds or ROUNDS) if refit else again)
 
 
 def left_over(sample: RigSample, found: RigFound) -> F64:
@@ -95,7 +95,7 @@ def beside_tilts(sample: RigSample, found: RigFound, folds: Folds) -> list[F64]:
     now = _round(sample, found, tilts=True)
     result = []
     for left_out in folds.left_out:
-        own = Elimination(now.paints, now.weight * ~left_out, now.share, now.bend, now.scatter, now.tilts)
+        own = Elimination(now.own, now.weight * ~left_out, now.scatter)
         result.append(sample.texels.reflected * np.exp(-own.remains(now.left))[..., None])
     return result
 
@@ -106,73 +106,90 @@ def _round(sample: RigSample, found: RigFound, tilts: bool = False) -> RigRound:
     return RigRound(sample, paints_of(sample.texels), found.change, seen, found.materials, tilts)
 
 
-class _RigFit:
+class RigFit:
     """The rounds of `fit_rig`."""
 
-    def __init__(self, sample: RigSample, free: Free, factor: float | None, prior: F64 | None) -> None:
-        self.sample, self.free, self.factor = sample, free, 1.0 if factor is None else factor
+    def __init__(
+        self, sample: RigSample, free: Free, start: RigFound | None = None, refit: bool = True,
+        factor: float | None = None, prior: F64 | None = None,
+    ) -> None:
+        """``refit``: whether the materials are, too; else they are those of ``start``."""
+        self.sample, self.free, self.refit, self.factor = sample, free, refit, 1.0 if factor is None else factor
         learns = factor is not None and prior is None and tell_typical(sample.rig, free)
-        self.numbers = RigNumbers(sample, free, learns)
+        self.numbers = numbers = RigNumbers(sample, free, learns)
         if prior is not None:
-            self.numbers.prior = prior.copy()
+            numbers.prior = prior.copy()
         self.paints = paints_of(sample.texels)
-        self.change = RigChange.none(self.numbers.groups, self.numbers.views)
-
-    def found(self, start: RigFound | None, rounds: int, refit: bool) -> Steps[RigFound]:
-        """Rounds until nothing moves any more."""
-        numbers, given = self.numbers, None
-        now: RigRound | None = None
-        before: tuple[float, RigChange] | None = None
-        materials: dict[int, OneMaterial] = {} if start is None else start.materials
+        self.begins, self.done, self.settled = start is None, 0, False
+        self.materials: dict[int, OneMaterial] = {} if start is None else start.materials
+        self.change = RigChange.none(numbers.groups, numbers.views)
         if start is not None:
             self.change = numbers.unpacked(numbers.packed(start.change)[numbers.free])  # what is not free is as given
-            if self.sample.rig.one_flash:
+            if sample.rig.one_flash:
                 self.change = replace(self.change, log_power=np.zeros(1))  # it follows from the place: see finish.py
             numbers.start = numbers.packed(self.change)
-        for n in range(rounds):
-            yield Progress(n / rounds, "calibrate")
-            if start is None and n == 0:
-                materials, now = self._begun()
-            else:
-                seen = self.sample.geometry.under(self.change)
-                if refit and n in REFITS:
-                    materials = materials_of(self.sample, seen.texels, self.free.levels)
-                    now = None  # beside other materials a texel's roughness may lie far from the last one
-                now = RigRound(self.sample, self.paints, self.change, seen, materials, self.free.tilts, now)
-            if self.free.ambient:
-                numbers.expect(now.around_in_shade())
-            if self.sample.metals and before is not None and now.scatter > WORSE * before[0]:
-                half = 0.5 * (numbers.packed(self.change) + numbers.packed(before[1]))
-                self.change = numbers.unpacked(half[numbers.free])
-                continue
-            before = now.scatter, self.change
-            step, covariance = now.step(numbers, self.factor)
-            given = given or (now.scatter, now.common())
-            self.change = self._moved(step)
-            materials = self._levelled(materials, step)
-            if np.abs(step[:len(step) - len(numbers.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
-                break
+        self.now: RigRound | None = None
+        self.before: tuple[float, RigChange] | None = None
+        self.given: tuple[float, float] | None = None
+
+    def found(self, rounds: int) -> Steps[RigFound]:
+        """After so many rounds in all, or as soon as nothing moves any more."""
+        numbers = self.numbers
+        while self.done < rounds and not self.settled:
+            yield Progress(self.done / rounds, "calibrate")
+            self._next()
+            self.done += 1
+        now, given = self.now, self.given
         assert now is not None and given is not None
-        error = numbers.unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
+        error = numbers.unpacked(np.sqrt(np.maximum(self.covariance.diagonal(), 0.0)))
         return RigFound(_centred(self.change, bool(numbers.kept.any())), error, now.scatter, given[0],
-                        (given[1], now.common()), materials, self._brightness(now, covariance), numbers.prior)
+                        (given[1], now.common()), self.materials, self._brightness(now), numbers.prior)
+
+    def _next(self) -> None:
+        """One round."""
+        numbers = self.numbers
+        now = self.now = self._linearised()
+        if self.free.ambient:
+            numbers.expect(now.around_in_shade())
+        if self.sample.metals and self.before is not None and now.scatter > WORSE * self.before[0]:
+            half = 0.5 * (numbers.packed(self.change) + numbers.packed(self.before[1]))
+            self.change = numbers.unpacked(half[numbers.free])
+            return
+        self.before = now.scatter, self.change
+        step, self.covariance = now.step(numbers, self.factor)
+        self.given = self.given or (now.scatter, now.common())
+        self.change = self._moved(step)
+        self.materials = self._levelled(self.materials, step)
+        still = np.abs(step[:len(step) - len(numbers.slots)]).max(initial=0.0) < SETTLED
+        self.settled = bool(still) and self.done + 1 not in REFITS
+
+    def _linearised(self) -> RigRound:
+        """What the sample shows under the change so far."""
+        if self.begins and self.done == 0:
+            self.materials, now = self._begun()
+            return now
+        seen, before = self.sample.geometry.under(self.change), self.now
+        if self.refit and self.done in REFITS:
+            self.materials = materials_of(self.sample, seen.texels, self.free.levels)
+            before = None  # beside other materials a texel's roughness may lie far from the last one
+        return RigRound(self.sample, self.paints, self.change, seen, self.materials, self.free.tilts, before)
 
     def _begun(self) -> tuple[dict[int, OneMaterial], RigRound]:
         """Materials and round under the given rig, which fits of other numbers begin with too."""
-        kept, kind = self.sample.geometry.begun, (self.free.levels, self.free.tilts)
-        if kind not in kept:
+        kept, levels = self.sample.geometry.begun, self.free.levels
+        if levels not in kept:
             seen = self.sample.geometry.under(self.change)
-            materials = materials_of(self.sample, seen.texels, self.free.levels)
-            kept[kind] = materials, RigRound(
-                self.sample, self.paints, self.change, seen, materials, self.free.tilts)
-        begun: tuple[dict[int, OneMaterial], RigRound] = kept[kind]
-        return begun
+            materials = materials_of(self.sample, seen.texels, levels)
+            kept[levels] = materials, RigRound(self.sample, self.paints, self.change, seen, materials)
+        materials, now = kept[levels]
+        return materials, now.beside_tilts() if self.free.tilts else now
 
-    def _brightness(self, now: RigRound, covariance: F64) -> ViewBrightness:
+    def _brightness(self, now: RigRound) -> ViewBrightness:
         slopes = self.numbers.slopes_of_brightness(self.sample) + now.brightness_by_places(self.numbers)
         change = slopes @ self.numbers.packed(self.change)
         apart = (slopes - slopes.mean(0))[:, self.numbers.free]
-        return ViewBrightness(change - typical(change), np.sqrt(np.maximum((apart @ covariance * apart).sum(1), 0.0)))
+        variance = (apart @ self.covariance * apart).sum(1)
+        return ViewBrightness(change - typical(change), np.sqrt(np.maximum(variance, 0.0)))
 
     def _levelled(self, materials: dict[int, OneMaterial], step: F64) -> dict[int, OneMaterial]:
         """With the steps of their levels."""

@@ -120,16 +120,19 @@ class RigNumbers:
         spread[self.gains] = np.maximum(spread[self.gains], np.abs(change.log_gain) / CAUCHY)
         return spread
 
-    def learn(self, free: F64, variance: F64) -> None:
+    def learn(self, free: F64, variance: F64) -> bool:
         """By how much lamps typically are off (empirical Bayes: one round of expectation maximisation).
 
-        ``free``, ``variance``: values of the free numbers, and how far those may be off.
+        Whether that is something else than before.  ``free``, ``variance``: values of the free numbers, and how far
+        those may be off.
         """
+        before = self.prior.copy()
         for kind, most, believed in ((self.places, PLACE, 0.0), (self.powers, POWER, self.believed)):
             own = (self.free >= kind.start) & (self.free < kind.stop)
             squares = float(np.sum(free[own] ** 2 + variance[own])) + believed * GAIN**2
             usual = np.sqrt(squares / (np.count_nonzero(own) + believed))
             self.prior[self.free[own]] = min(max(usual, LEAST_USUAL), most)
+        return not np.array_equal(before, self.prior)
 
     def slopes_of_brightness(self, sample: RigSample) -> F64:
         """(V, N) of the logarithm of each view's brightness by each number: its exposure and its lamps' powers."""

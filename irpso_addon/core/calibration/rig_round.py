@@ -8,6 +8,7 @@ little.  Cauchy weights; standard errors from the scores of clusters of neighbou
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -19,7 +20,7 @@ from ..evaluation.sampled_texels import Lobes, SampledTexels
 from ..images.response import curved
 from ..shading.lights import light_basis
 from ..vectors import dot
-from .paint import Elimination, Paint, base_colours
+from .paint import Elimination, OwnNumbers, Paint, base_colours
 from .rig import RigChange
 from .rig_numbers import CAUCHY, RigNumbers
 from .rig_sample import RigSample, Seen, to_middle
@@ -78,13 +79,27 @@ class RigRound:
         self.base, self.predicted = base, predicted
         self.around, self.logarithm, self.white, self.contrast = self._bends()
         # Errors are those of the files: a response that made all of them alike would leave none.
-        self.share, self.bend, self.left = share * self.contrast, bend * self.contrast, left * self.contrast
+        self.diffuse, self.share = share, share * self.contrast
+        self.bend, self.left = bend * self.contrast, left * self.contrast
         self.scatter *= float(np.median(self.contrast[self.good])) if self.good.any() else 1.0
-        self.tilts = self._tilts() if tilts else ()
-        for _ in range(3 if tilts else 0):
+        self.tilts: tuple[F64, ...] = ()
+        if tilts:
+            self._tilt()
+
+    def beside_tilts(self) -> RigRound:
+        """The same where texels have tilts."""
+        other = copy(self)
+        for name in ("own", "elimination"):
+            vars(other).pop(name, None)
+        other._tilt()
+        return other
+
+    def _tilt(self) -> None:
+        self.tilts = self._tilts()
+        for _ in range(3):
             rest = self._elimination().remains(self.left)
             self.scatter = 1.4826 * float(np.median(np.abs(rest[self.good]))) + 1e-4 if self.good.any() else 1.0
-            self.weight = np.where(self.good, share**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
+            self.weight = np.where(self.good, self.diffuse**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
 
     def _parts(self, lobes: Lobes, texels: SampledTexels | None = None) -> tuple[F64, F64]:
         """(T, V) each: what is reflected for each unit of base colour, and whatever that is."""
@@ -115,8 +130,13 @@ class RigRound:
         return self._elimination()
 
     def _elimination(self) -> Elimination:
-        return Elimination(self.paints, self.weight, self.share, self.bend, self.scatter, self.tilts,
-                           self.metals if self.sample.metals else None)
+        return Elimination(self.own, self.weight, self.scatter)
+
+    @cached_property
+    def own(self) -> OwnNumbers:
+        """The texels' own numbers."""
+        return OwnNumbers(
+            self.paints, self.share, self.bend, self.tilts, self.metals if self.sample.metals else None)
 
     @cached_property
     def turned(self) -> F64:
@@ -180,14 +200,14 @@ class RigRound:
         ratio = meat / np.maximum(normal.diagonal() * self.scatter**2, LEAST)
         alike = max(float(np.median(ratio)) if len(ratio) else 1.0, 1.0)  # observations for one that is independent
         means, now = numbers.means[np.ix_(free, free)], numbers.packed(self.change)[free]
-        for _ in range(LEARNT if numbers.learns else 1):
+        for _ in range(LEARNT):
             prior = 1 / numbers.spread(self.change)[free] ** 2
             covariance = np.linalg.inv(normal / (variance * alike) + np.diag(prior) + means)
             gradient = (pull / (variance * alike) - prior * (now - numbers.expected[free])
                         - means @ (now - numbers.start[free]))
             step = covariance @ gradient
-            if numbers.learns:
-                numbers.learn(now + step, covariance.diagonal())
+            if not (numbers.learns and numbers.learn(now + step, covariance.diagonal())):
+                break
         return step, covariance
 
     def brightness_by_places(self, numbers: RigNumbers) -> F64:
@@ -227,9 +247,7 @@ class RigRound:
     def _sums(self, numbers: RigNumbers, elimination: Elimination) -> tuple[F64, F64, F64]:
         """Of the free numbers: normal matrix and gradient, base colours eliminated, and each cluster's gradient."""
         count, rest = len(numbers.free), elimination.remains(self.left)
-        order = np.argsort(self.sample.cluster, kind="stable")
-        first = np.unique(self.sample.cluster[order], return_index=True)[1]
-        normal, pull, scores = np.zeros((count, count)), np.zeros(count), np.zeros((count, len(first)))
+        normal, pull, pulls = np.zeros((count, count)), np.zeros(count), np.zeros((count, len(rest)))
         own = np.ascontiguousarray(elimination.columns.transpose(1, 2, 0))  # (V, m, T)
         across = np.zeros((own.shape[1], count, len(rest)))
         levels = self._levels(numbers.slots)
@@ -243,8 +261,10 @@ class RigRound:
             weighted = elimination.weight[:, v] * slopes
             np.add.at(normal, np.ix_(places, places), slopes @ weighted.T)
             np.add.at(pull, places, weighted @ rest[:, v])
-            each = np.add.reduceat((weighted * rest[:, v])[:, order], first, axis=1)
-            for number, row, score in zip(places, weighted, each, strict=True):
-                scores[number] += score
-                across[:, number] += own[v] * row
-        return normal - elimination.taken(across), pull, scores
+            shares = own[v][:, None] * weighted
+            for n, number in enumerate(places):
+                across[:, number] += shares[:, n]
+                pulls[number] += weighted[n] * rest[:, v]
+        order = np.argsort(self.sample.cluster, kind="stable")
+        first = np.unique(self.sample.cluster[order], return_index=True)[1]
+        return normal - elimination.taken(across), pull, np.add.reduceat(pulls[:, order], first, axis=1)

@@ -48,10 +48,12 @@ class RigSample:
 
     def part(self, some: Bool) -> RigSample:
         """Some of the texels."""
-        return replace(self, texels=self.texels.part(some), position=self.position[some], normal=self.normal[some],
-                       slot=self.slot[some], cluster=self.cluster[some],
-                       openness=None if self.openness is None else self.openness[some],
-                       shade=None if self.shade is None else self.shade[some])
+        other = replace(self, texels=self.texels.part(some), position=self.position[some], normal=self.normal[some],
+                        slot=self.slot[some], cluster=self.cluster[some],
+                        openness=None if self.openness is None else self.openness[some],
+                        shade=None if self.shade is None else self.shade[some])
+        vars(other)["geometry"] = self.geometry.part(other, some)
+        return other
 
     def channel(self, channel: int) -> RigSample:
         """What the pictures show in one of COLOURS channels."""
@@ -147,12 +149,24 @@ class RigGeometry:
         reached = np.ones(len(sample.slot)) if sample.openness is None else sample.openness
         self.open = reached[:, None] * lit  # (T, V) share of the light from all around
         self.file = shown[:, 0] * np.exp(shown[:, 1] * self.cosine)  # (T, V) value of files for each unit of radiance
-        self.begun: dict[tuple[bool, bool], Any] = {}  # how fits of the sample begin, see rig_fit.py
+        self.begun: dict[bool, Any] = {}  # how fits of the sample begin, by whether levels are free: see rig_fit.py
 
     def of(self, sample: RigSample) -> RigGeometry:
         """Of other texels' observations at the same places."""
         other = copy(self)
         other.sample, other.begun, other.slopes = sample, {}, dict(self.slopes)
+        return other
+
+    def part(self, sample: RigSample, some: Bool) -> RigGeometry:
+        """Of some of the texels."""
+        other = copy(self)
+        other.sample, other.begun, other.given_angles = sample, {}, {}
+        other.lit = {name: lit[some] for name, lit in self.lit.items()}
+        other.slopes = {name: (place, slopes[some], fine[some]) for name, (place, slopes, fine) in self.slopes.items()}
+        other.given = {name: (light[some], slopes[some], fine[some])
+                       for name, (light, slopes, fine) in self.given.items()}
+        other.to_camera = [way[some] for way in self.to_camera]
+        other.cosine, other.open, other.file = self.cosine[some], self.open[some], self.file[some]
         return other
 
     def under(self, change: RigChange) -> Seen:

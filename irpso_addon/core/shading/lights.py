@@ -270,7 +270,9 @@ def polygon_edge(a: F64, e: F64, N: F64) -> F64:
     cx, cy, cz = ay * ez - az * ey, az * ex - ax * ez, ax * ey - ay * ex
     size, along = np.sqrt(cx * cx + cy * cy + cz * cz), ax * (ax + ex) + ay * (ay + ey) + az * (az + ez)
     far = size > 1e-6 * np.abs(along)
-    angle = np.where(far, np.arctan2(size, along) / np.where(far, size, 1), 1 / np.where(along == 0, 1, along))
+    angle = np.arctan2(size, along) / np.where(far, size, 1)
+    if not far.all():
+        angle = np.where(far, angle, 1 / np.where(along == 0, 1, along))
     value: F64 = (cx * N[0] + cy * N[1] + cz * N[2]) * angle
     return value
 
@@ -316,7 +318,7 @@ def area_irradiance(light: Light, P: F64, N: F64) -> F64:
     corners = area_corners(uniforms["u_light_ellipse"]) @ np.stack([u, v])
     # Components first: NumPy is faster along many places than along three numbers.
     normal = np.ascontiguousarray(N.reshape(-1, 3).T)
-    outline = center.reshape(-1, 3).T[:, None] + corners.T[:, :, None]  # (3, sides, places)
+    outline = np.ascontiguousarray(center.reshape(-1, 3).T)[:, None] + corners.T[:, :, None]  # (3, sides, places)
     height = outline[0] * normal[0] + outline[1] * normal[1] + outline[2] * normal[2]
     whole, above = (height >= 0).all(0), (height >= 0).any(0)
     if whole.all():
