@@ -37,7 +37,7 @@ from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexel
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.ambient_light import AmbientShadows
 from ..gpu.observe.observation_atlas import CameraSource, TexelSurface
-from ..gpu.observe.observations import Observations, ObserveOptions, observe
+from ..gpu.observe.observations import LitMaps, Observations, ObserveOptions, observe
 from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
@@ -228,14 +228,17 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     part, settings = given.part, given.settings
     found = yield from put_views_right(device, grid, given, clock)
     scene, observations, given = found.scene, found.observations, replace(given, scene=found.given)
+    lit = LitMaps()
     if found.calibration is not None:
         observations.release_views()
         observations = yield from clock.stage("observe", found.observe(
-            scene=scene, limits=replace(found.limits, drawn=observations.cameras)), (0.33, 0.35))
+            scene=scene, limits=replace(found.limits, drawn=observations.cameras, lit=lit)), (0.33, 0.35))
     normals: NormalsJudged | str = ""
     surface = Surface(scene, grid, observations)
     if given.calibrates and not _glows(scene) and settings.normals == "auto":
-        surface, normals = yield from refined(device, surface, part, settings.seed, found.observe, clock)
+        observe = partial(found.observe, limits=replace(found.limits, lit=lit))
+        surface, normals = yield from refined(device, surface, part, settings.seed, observe, lit, clock)
+    lit.release()
     return _Views(replace(found, scene=surface.scene, observations=surface.observations), normals, surface.grid)
 
 

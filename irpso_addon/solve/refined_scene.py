@@ -19,7 +19,7 @@ from ..gpu.gbuffer.gbuffer import MeshBuffer
 from ..gpu.gbuffer.texel_grid import TexelGrid, draw_texels
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observation_atlas import CameraSource
-from ..gpu.observe.observations import Observations
+from ..gpu.observe.observations import LitMaps, Observations
 from ..gpu.solve.calibration_sample import sampled
 from ..gpu.solve.followed_mesh import followed, may_follow
 from ..gpu.solve.normal_texels import MOST, SAMPLE, SAMPLE_UNDER_WORLDS, refined_normals, seen_by
@@ -42,11 +42,11 @@ class Surface:
 
 
 def refined(
-    device: Device, given: Surface, part: PartialSolve, seed: int, observe: Observe, clock: Clock,
+    device: Device, given: Surface, part: PartialSolve, seed: int, observe: Observe, lit: LitMaps, clock: Clock,
 ) -> Generator[Progress, None, tuple[Surface, NormalsJudged | str]]:
     """What is seen under refined normals, where they predict left-out views better; else as given, and why.
 
-    ``observe``: a ``scene`` and its ``mesh``.  What is replaced is released.
+    ``observe``: a ``scene`` and its ``mesh``, with ``lit``, the shadows that are drawn.  What is replaced is released.
     """
     texels = part.solved & given.grid.coverage
 
@@ -66,8 +66,9 @@ def refined(
         return given, normals
     scene, mesh = given.scene, given.grid.mesh
     positions = followed(device, given.observations, mesh, given.grid.maps, texels, seed) if follows else None
+    offsets = mesh.offsets
     if positions is not None:
-        offsets = mesh.offsets
+        lit.release()
         scene = replace(scene, mesh=replace(scene.mesh, positions=positions))
         mesh = MeshBuffer(device, scene.mesh)
         if twice:
@@ -76,7 +77,7 @@ def refined(
             mesh.refine(offsets)
     if twice:
         mesh.refine((yield from clock.stage("normals", refined_normals(
-            source(), texels, normals, scene.scale_known, given.grid.maps.facet))))
+            source(), texels, normals, scene.scale_known, given.grid.maps.facet, near=offsets))))
     return (yield from drawn(scene, mesh)), normals
 
 

@@ -10,7 +10,7 @@ import pytest
 from irpso_addon.core.data import MeshArrays
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
-from irpso_addon.solve import pipeline
+from irpso_addon.solve import pipeline, refined_scene
 from irpso_addon.solve.one_round import Outcome
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -60,6 +60,20 @@ def test_the_mesh_of_a_scan_follows(pictures) -> None:
     assert any("followed" in line for line in found.solution.warnings)
     before, after = (float(scene.mesh.positions[..., 2].std()) for scene in (found.given, found.scene))
     assert before > 0.65 * HEIGHT and after < 0.5 * before
+
+
+@pytest.mark.one_python
+def test_normals_that_begin_near_those_of_fewer_texels_are_the_same(pictures, monkeypatch) -> None:
+    """As from no tilts at all, but for a fiftieth of what the mesh's own are off by."""
+    near = solved(pictures, places=True).solution.maps
+    refined_normals = refined_scene.refined_normals
+    monkeypatch.setattr(refined_scene, "refined_normals",
+                        lambda *given, near=None, **named: refined_normals(*given, **named))
+    far = solved(pictures, places=True).solution.maps
+    assert near.normal is not None and far.normal is not None
+    seen = near.coverage & ~near.filled
+    apart = np.linalg.norm((near.normal - far.normal)[seen], axis=-1)
+    assert 0 < apart.mean() < 0.02 * HEIGHT * np.linalg.norm(WAVE)
 
 
 def test_a_mesh_whose_places_are_right_stays(pictures) -> None:

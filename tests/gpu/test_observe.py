@@ -14,7 +14,8 @@ from irpso_addon.core.samples import selftest
 from irpso_addon.gpu.device.context import Inputs
 from irpso_addon.gpu.device.occupied_cells import CELL, OccupiedCells
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
-from irpso_addon.gpu.observe.observations import ObserveOptions, observe
+from irpso_addon.gpu.observe.observations import LitMaps, ObserveOptions, observe
+from irpso_addon.gpu.observe.visibility import LightVisibility
 from tests.support import synthetic as syn
 from tests.support.texels import finish
 
@@ -91,6 +92,38 @@ def test_cameras_that_are_taken_over_show_the_same(on_gl, test):
     for taken, (colour, (lobe,)) in zip(on_gl(work), observed(on_gl, brighter, read), strict=True):
         assert colour[..., 3].max() > 0
         np.testing.assert_array_equal(taken, (colour, lobe))
+
+
+def test_shadows_that_are_taken_over_are_the_same(on_gl, test, monkeypatch):
+    """None is drawn again; those of a lamp that has none yet are, and kept."""
+    drawn: list[str] = []
+    lit_maps = LightVisibility.lit_maps
+
+    def counted(self, light, *given):
+        drawn.append(light.name)
+        return lit_maps(self, light, *given)
+
+    monkeypatch.setattr(LightVisibility, "lit_maps", counted)
+
+    def work(device):
+        mesh, lit = MeshBuffer(device, test.scene.mesh), LitMaps()
+        names = [view.lights[0].name for view in test.scene.views]
+        some = replace(test.scene, views=test.scene.views[:-1])
+        results = []
+        for scene in (some, test.scene, test.scene):
+            found = finish(observe(device, scene, mesh, test.read_image, ObserveOptions(lit=lit)))
+            results.append([(device.read(view.colour), device.read(view.lobes[0])) for view in found.cameras[0].views])
+            found.release()
+        assert drawn == names and {key[0] for key in lit} == set(names)
+        lit.release()
+        mesh.release()
+        assert not lit
+        return results
+
+    fresh = [(colour, lobe) for colour, (lobe,) in observed(on_gl, test.scene, test.read_image)]
+    drawn.clear()
+    for found in on_gl(work)[1:]:  # the first lacks a view, and with it goes by another level
+        np.testing.assert_array_equal(found, fresh)
 
 
 def test_coloured_lamps_share_each_channel(on_gl, test):

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import inf
 
 import moderngl
 import numpy as np
@@ -42,6 +41,16 @@ ReadImage = Callable[[View], RadianceImage]
 F16 = NDArray[np.float16]
 EnvironmentKey = tuple[str, float, tuple[str, ...]]
 Reference = tuple[F16, float, float]  # as ObservedView.reference, .scale and .clipped
+
+
+class LitMaps(dict[tuple[str, str, tuple[int, int]], moderngl.Texture]):
+    """Which pixels lights reach: by light, and camera with the size of its picture."""
+
+    def release(self) -> None:
+        """Forget them all."""
+        for texture in self.values():
+            texture.release()
+        self.clear()
 
 
 @dataclass
@@ -145,6 +154,7 @@ class ObserveOptions:
     directions: int = environment_model.COUNT  # that stand for an environment
     ambient: AmbientShadows | None = None  # as far as they are drawn
     drawn: Sequence[ObservedCamera] = ()  # by an earlier observation of the same mesh; they are taken over
+    lit: LitMaps | None = None  # by the same lamps on the same positions: taken over; what is missing is added
 
 
 WHOLE = ObserveOptions()
@@ -162,7 +172,7 @@ def observe(
         yield from observer.ambient_light()
         yield from observer.divide()
         observations = observer.observations()
-        owned.hand_over(*observations.objects)
+        owned.hand_over(*observations.objects, *(limits.lit or {}).values())
         return observations
 
 
@@ -177,7 +187,7 @@ class _Observer:
         self.members: list[list[int]] = []  # places of the camera's views
         self.images: dict[int, moderngl.Texture] = {}
         self.references: dict[int, Reference] = {}
-        self.lit: dict[tuple[str, int], moderngl.Texture] = {}  # by light and camera
+        self.lit = LitMaps() if limits.lit is None else limits.lit
         self.around: dict[tuple[EnvironmentKey, int], EnvironmentLight] = {}  # by environment and camera
         self.open: list[moderngl.Texture] = []  # irradiance by ambient light of radiance 1, where some view has any
         table = principled_table()
@@ -272,18 +282,29 @@ class _Observer:
         """Which pixels each light reaches."""
         views = self.scene.views
         by_name = {light.name: light for view in views for light in view.lights}
+        missing: dict[str, list[int]] = {}
+        for name in by_name:
+            chosen = [c for c, group in enumerate(self.members) if self._lit_by(name, c) not in self.lit
+                      and any(other.name == name for n in group for other in views[n].lights)]
+            if chosen:
+                missing[name] = chosen
+        if not missing:
+            return
         with self.device.scope() as owned:
             visibility = LightVisibility(self.device, self.mesh, self.casters, self.limits.shadow_size)
-            for i, (name, light) in enumerate(by_name.items()):
-                chosen = [c for c, group in enumerate(self.members)
-                          if any(other.name == name for n in group for other in views[n].lights)]
+            for i, (name, chosen) in enumerate(missing.items()):
                 lit: list[moderngl.Texture] = []
-                pixels = max((_diameter(self.cameras[c], visibility) for c in chosen), default=inf)
-                for maps in visibility.lit_maps(light, [self.cameras[c].maps for c in chosen], pixels):
+                pixels = max(_diameter(self.cameras[c], visibility) for c in chosen)
+                for maps in visibility.lit_maps(by_name[name], [self.cameras[c].maps for c in chosen], pixels):
                     lit = maps  # the last is whole
-                    yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
-                self.lit.update({(name, c): texture for c, texture in zip(chosen, lit, strict=True)})
+                    yield Progress(0.5 + 0.3 * i / len(missing), "observe", f"shadows of {name}")
+                self.lit.update({self._lit_by(name, c): texture for c, texture in zip(chosen, lit, strict=True)})
             owned.hand_over(*self.lit.values())
+
+    def _lit_by(self, light: str, c: int) -> tuple[str, str, tuple[int, int]]:
+        """The key of a light's shadows on a camera's pixels."""
+        camera = self.cameras[c]
+        return light, camera.camera.name, camera.maps.position.size
 
     def light_from_around(self) -> Generator[Progress, None, None]:
         """What each environment does on each camera's pixels."""
@@ -354,7 +375,7 @@ class _Observer:
             indirect = with_ambient(
                 self.device, self.cameras[c], self.open[c], self.table, view.ambient_radiance, indirect)
             passing += indirect
-        shadows = [self.lit[light.name, c] for light in view.lights]
+        shadows = [self.lit[self._lit_by(light.name, c)] for light in view.lights]
         around = self.around[view.environment.key, c] if view.environment is not None else None
         colour, lobes, nodes = drawer.draw(view.lights, self.images[n], shadows, indirect, around)
         for texture in (self.images.pop(n), *passing):

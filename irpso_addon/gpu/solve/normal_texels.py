@@ -43,13 +43,14 @@ THREADS = min(os.cpu_count() or 1, 8)  # that fit texels, beside that which read
 
 def refined_normals(
     source: CameraSource, texels: Bool, judged: NormalsJudged, scale_known: bool, facet: moderngl.Texture,
-    worlds: TiltedLight | None = None, most: int = MOST,
+    worlds: TiltedLight | None = None, most: int = MOST, near: F32 | None = None,
 ) -> Generator[Progress, None, F32]:
     """(m, m, 3) over the UV square: what is to be added to the unit shading normals of the ``texels``, (h, w).
 
     m is less than h where there are more texels than ``most``: then every second or third row and column says the
     tilts.
-    ``facet``: as of GBufferMaps.  ``worlds``: where some view has an environment.
+    ``facet``: as of GBufferMaps.  ``worlds``: where some view has an environment.  ``near``: what was found of fewer
+    texels, or under a mesh that was a little off.
     """
     device, layers = source.device, source.layers
     most = most if worlds is None else min(most, MOST_UNDER_WORLDS // len(layers.groups))
@@ -81,7 +82,8 @@ def refined_normals(
 
     def fitted(at: tuple[I32, I32], blocks: F32, light: TiltedWorlds | None) -> tuple[F64, F64]:
         kept = _shown(blocks, layers) if light is None else np.ones(len(of_layer), bool)
-        return _fitted(TiltSample.of(observed(at, blocks[:, kept], kept), light), judged)
+        sample = TiltSample.of(observed(at, blocks[:, kept], kept), light)
+        return _fitted(sample, judged, None if near is None else sample.in_plane(_at(near, at, len(texels))))
 
     fits: deque[tuple[tuple[I32, I32], Future[tuple[F64, F64]]]] = deque()
     pool = ThreadPoolExecutor(THREADS, "irpso-normals")
@@ -146,19 +148,30 @@ def _shown(blocks: F32, layers: Layers) -> Bool:
     return np.asarray(shown | (np.bincount(group, shown) == 1)[group])
 
 
-def _fitted(sample: TiltSample, judged: NormalsJudged) -> tuple[F64, F64]:
-    """(information, pull) of some texels, each with its own roughness under its own tilt."""
+def _at(values: F32, at: tuple[I32, I32], size: int) -> F64:
+    """Of a square grid of other texels, where rows and columns of one of ``size`` lie."""
+    row, column = (index * len(values) // size for index in at)
+    return values[row, column].astype(np.float64)
+
+
+def _fitted(sample: TiltSample, judged: NormalsJudged, tilt: F64 | None) -> tuple[F64, F64]:
+    """(information, pull) of some texels, each with its own roughness under its own tilt.
+
+    ``tilt``: (T, 2) about what it is; None: nothing is known of it.
+    """
     known = [judged.materials.get(int(slot), OneMaterial(0.5)) for slot in sample.rig.slot]
     rough, level = (np.array([getattr(one, name) for one in known]) for name in ("roughness", "level"))
     first = one_lobe(rough, level)
     fit = partial(fit_tilts, sample, scatter=judged.scatter, beside=judged.beside)
     if judged.beside is Beside.LEVEL:  # the roughness is the material's
         fit = partial(fit, deviation=judged.deviation)
-    found = fit(first, rounds=ROUNDS[0])
-    tilt = found.under(judged.deviation)[0]
-    lobes = found.lobes if judged.beside is Beside.LEVEL else lobes_of(
-        sample.rig, sample.tilted(tilt)[0], judged.materials)
-    found = fit(lobes, start=tilt, rounds=ROUNDS[1])
+    lobes, rounds = first, ROUNDS[0]
+    if tilt is None:
+        found = fit(first, rounds=ROUNDS[0])
+        tilt, lobes, rounds = found.under(judged.deviation)[0], found.lobes, ROUNDS[1]
+    if judged.beside is not Beside.LEVEL:
+        lobes = lobes_of(sample.rig, sample.tilted(tilt)[0], judged.materials)
+    found = fit(lobes, start=tilt, rounds=rounds)
     return found.information, found.pull
 
 
