@@ -26,7 +26,7 @@ from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_gri
 from ..gbuffer.projection import Projection, lens_uniforms, projection_of
 from ..gbuffer.seams import mark_seams
 from ..gbuffer.solve_mask import SolveMask
-from .ambient_light import AmbientShadows, is_ambient, with_ambient
+from .ambient_light import AmbientShadows, Pair, is_ambient, with_ambient
 from .environment_light import EnvironmentLight, LitByEnvironment
 from .indirect_light import Smoother
 from .picture_memory import channels_needed, mean_radiance
@@ -40,6 +40,7 @@ HALF_MOST = 60_000.0  # half floats end at 65504
 ReadImage = Callable[[View], RadianceImage]
 F16 = NDArray[np.float16]
 EnvironmentKey = tuple[str, float, tuple[str, ...]]
+Colour = tuple[float, float, float]
 Reference = tuple[F16, float, float]  # as ObservedView.reference, .scale and .clipped
 
 
@@ -361,20 +362,29 @@ class _Observer:
                 drawer = ViewDrawer(self.device, camera, _rim(self.device, camera), level, self.channels)
                 smoother = Smoother(self.device, self.mesh, self.occluders, camera.camera, camera.maps,
                                     partial(camera_uniforms, footprint=0.0))
+                ambient: dict[Colour, Pair] = {}
                 for n in group:
-                    camera.views.append(self._observed(n, c, drawer, smoother))
+                    camera.views.append(self._observed(n, c, drawer, smoother, ambient))
                     yield Progress(0.8 + 0.2 * n / len(self.scene.views), "observe", self.scene.views[n].image.name)
                 owned.hand_over(*(texture for view in camera.views for texture in view.objects))
 
-    def _observed(self, n: int, c: int, drawer: ViewDrawer, smoother: Smoother) -> ObservedView:
-        """What view ``n`` of camera ``c`` observes."""
-        view, bounced = self.scene.views[n], self.limits.bounced
+    def _observed(
+        self, n: int, c: int, drawer: ViewDrawer, smoother: Smoother, ambient: dict[Colour, Pair],
+    ) -> ObservedView:
+        """What view ``n`` of camera ``c`` observes.  ``ambient``: such light alone, by its radiance."""
+        view, bounced, passing = self.scene.views[n], self.limits.bounced, list[moderngl.Texture]()
         indirect = smoother.smooth(bounced[n]) if bounced else None
-        passing: tuple[moderngl.Texture, ...] = indirect or ()
-        if any(view.ambient_radiance):
-            indirect = with_ambient(
-                self.device, self.cameras[c], self.open[c], self.table, view.ambient_radiance, indirect)
-            passing += indirect
+        passing += indirect or ()
+        radiance = view.ambient_radiance
+        if any(radiance):
+            both = None if bounced else ambient.get(radiance)
+            if both is None:
+                both = with_ambient(self.device, self.cameras[c], self.open[c], self.table, radiance, indirect)
+                if bounced:
+                    passing += both
+                else:
+                    ambient[radiance] = both
+            indirect = both
         shadows = [self.lit[self._lit_by(light.name, c)] for light in view.lights]
         around = self.around[view.environment.key, c] if view.environment is not None else None
         colour, lobes, nodes = drawer.draw(view.lights, self.images[n], shadows, indirect, around)
