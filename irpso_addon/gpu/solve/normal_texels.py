@@ -36,7 +36,7 @@ MOST = 250_000  # texels that are fitted: pictures seldom tell more apart
 PADDING = 4  # texels around islands: what is interpolated there
 MOST_UNDER_WORLDS = 750_000  # observations of texels that are fitted, where light from all around is drawn for each
 AT_ONCE = 80_000  # observations of light, of texels that are fitted together: as many as fit into a core's cache
-ROUNDS = 2, 3  # of the fit with the material's roughness, and of that with each texel's own
+ROUNDS, OWN, AGAIN = 2, 3, 2  # of the fit with the material's roughness, with each texel's own, and from tilts found
 LEAST = 200  # texels that are fitted together: they say what is noise
 THREADS = min(os.cpu_count() or 1, 8)  # that fit texels, beside that which reads them
 
@@ -165,10 +165,10 @@ def _fitted(sample: TiltSample, judged: NormalsJudged, tilt: F64 | None) -> tupl
     fit = partial(fit_tilts, sample, scatter=judged.scatter, beside=judged.beside)
     if judged.beside is Beside.LEVEL:  # the roughness is the material's
         fit = partial(fit, deviation=judged.deviation)
-    lobes, rounds = first, ROUNDS[0]
+    lobes, rounds = first, AGAIN
     if tilt is None:
-        found = fit(first, rounds=ROUNDS[0])
-        tilt, lobes, rounds = found.under(judged.deviation)[0], found.lobes, ROUNDS[1]
+        found = fit(first, rounds=ROUNDS)
+        tilt, lobes, rounds = found.under(judged.deviation)[0], found.lobes, OWN
     if judged.beside is not Beside.LEVEL:
         lobes = lobes_of(sample.rig, sample.tilted(tilt)[0], judged.materials)
     found = fit(lobes, start=tilt, rounds=rounds)
