@@ -43,7 +43,7 @@ def test_the_room_is_found(scene: SceneData) -> None:
     told = replace(scene, views=tuple(replace(view, ambient_radiance=RADIANCE) for view in scene.views))
     known = solve(told, lamps="given", exposures="given")
     assert found.calibration is not None and found.calibration.ambient is not None
-    np.testing.assert_allclose(found.calibration.ambient.radiance, RADIANCE, rtol=0.04)  # 2.5 % of blue here
+    np.testing.assert_allclose(found.calibration.ambient.radiance, RADIANCE, rtol=0.04)  # 2.9 % of red here
     before, after, right = (errors(solution) for solution in (given, found, known))
-    assert after[1] < 0.1 * before[1] and right[1] < 0.1 * before[1]  # 0.0046 and 0.0055 of 0.0752 here
-    assert after[0] < 0.6 * before[0] and right[0] < 0.6 * before[0]  # 0.038 and 0.046 of 0.089
+    assert after[1] < 0.1 * before[1] and right[1] < 0.1 * before[1]  # 0.0042 and 0.0044 of 0.0700 here
+    assert after[0] < 0.6 * before[0] and right[0] < 0.6 * before[0]  # 0.029 and 0.033 of 0.115

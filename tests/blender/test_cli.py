@@ -182,7 +182,7 @@ def test_cancel_keeps_what_was_found(scenes, tmp_path):
     """Ctrl-C in the middle of the solve stage: exit 130, and either whole partial maps or nothing."""
     out = tmp_path / "out"
     command = [sys.executable, "-m", "irpso_addon", "solve", scenes / "good" / "scene.blend", "--captures",
-               scenes / "good" / "captures.json", "--size", "1024", "--out", out]
+               scenes / "good" / "captures.json", "--size", "512", "--out", out]
     process = subprocess.Popen(
         list(map(str, command)), cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     for line in process.stderr:

@@ -17,7 +17,7 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
 
 BASE, ROUGH, LAMPS, PIXELS = (0.6, 0.4, 0.2), 0.4, 12, 96
-RIGHT = SolveSettings(size=64, lamps="given", exposures="given", registration="given", normals="mesh")
+RIGHT = SolveSettings(size=32, lamps="given", exposures="given", registration="given", normals="mesh")
 
 
 def take_pictures(folder: Path, diffuse: float) -> None:

@@ -365,7 +365,7 @@ def test_maps_come_back_by_the_command_line(tmp_path, irpso_here):
     rig.principled(bpy.data.objects["Ball"], (0.8, 0.8, 0.8), 0.5)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     done = irpso_here("solve", tmp_path / "scene.blend", "--captures", tmp_path / "captures.json", "--object", "Ball",
-                      "--size", 64, "--out", tmp_path / "out")
+                      "--size", 32, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     report = json.loads(next((tmp_path / "out").glob("*report.json")).read_text())
     assert any("Left" in view["lights"] for view in report["checks"]["views"]), report["checks"]["views"][0]

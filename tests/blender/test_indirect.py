@@ -103,10 +103,10 @@ def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bo
     bouncer = indirect.IndirectRenderer.of_open_file(bounced / "scene.blend")
     errors, rough = {}, {}
     for mode in ("off", "auto"):
-        settings = SolveSettings(size=64, indirect=mode, **(RIGHT if mode == "off" else {}))
+        settings = SolveSettings(size=32, indirect=mode, **(RIGHT if mode == "off" else {}))
         solution = thread.run(lambda settings=settings: pipeline.solve(scene, settings, bounce=bouncer))
         solved = solution.maps.coverage & ~solution.maps.filled
-        solved[32:] = False  # the ball's lower half, which sees the floor
+        solved[16:] = False  # the ball's lower half, which sees the floor
         errors[mode] = np.median(np.abs(solution.maps.base_color[solved] / BASE - 1), axis=0).max()
         sure = solution.maps.confidence > 0.25  # one half at most, where a material has one roughness
         rough[mode] = np.median(np.abs(solution.maps.roughness[sure] - ROUGH))

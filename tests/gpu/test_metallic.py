@@ -26,6 +26,9 @@ from tests.support import shoots
 from tests.support import synthetic as syn
 from tests.support.texels import Texels, as_metal, by_channel, exact, finish
 
+SIZE = 32
+solve = partial(shoots.run, size=SIZE)
+
 
 def solved(on_gl: Any, texels: Texels, metallic: float, level: float | None = None, joint: JointPrior | None = None,
            **chosen: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -100,9 +103,9 @@ def shoot() -> syn.Shoot:
 @pytest.fixture(scope="module")
 def found(shoot: syn.Shoot) -> Solution:
     """Solved at the right Metallic, which an earlier result gives."""
-    earlier = shoots.run(shoot, model="one-lobe", loss="squares")
+    earlier = solve(shoot, model="one-lobe", loss="squares")
     earlier = replace(earlier, model={"Paint": "one-lobe-metallic"}, metallic={"Paint": METALLIC})
-    return shoots.run(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
+    return solve(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
 
 
 def test_maps_of_a_metal_come_out(shoot, found):
@@ -118,9 +121,9 @@ def test_maps_of_a_metal_come_out(shoot, found):
 def test_metallic_and_specular_level_go_together():
     shoot = syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=0.7, level=0.8)),
                       shoots.rig(lamps=10), (56, 56))
-    earlier = shoots.run(shoot, model="one-lobe", loss="squares")
+    earlier = solve(shoot, model="one-lobe", loss="squares")
     earlier = replace(earlier, model={"Paint": "one-lobe-metallic"}, metallic={"Paint": 0.7}, levels={"Paint": 0.8})
-    found = shoots.run(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
+    found = solve(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
     off = shoots.errors(found, shoot.truth)
     assert (found.metallic, found.levels, found.warnings) == ({"Paint": 0.7}, {"Paint": 0.8}, ())
     assert np.median(off.rough) < 1e-3 and np.quantile(off.rough, 0.9) < 0.005
@@ -136,20 +139,20 @@ def test_views_show_what_a_metals_maps_predict(found):
 
 def test_a_part_keeps_metallic(shoot, found):
     corners = (shoot.scene.mesh.uvs[..., 0] > 0.5).astype(np.float32)
-    part = shoots.run(replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners))))
+    part = solve(replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners))))
     assert (part.model, part.metallic) == (found.model, found.metallic)
     off = np.abs(part.maps.roughness - found.maps.roughness)[part.maps.coverage & ~part.maps.filled]
     assert np.median(off) < 1e-5
     with pytest.raises(BadInput, match="its other region was solved as Roughness \\+ Metallic"):
-        shoots.run(replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners))),
-                   model="one-lobe")
+        solve(replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners))),
+              model="one-lobe")
 
 
 @pytest.mark.one_python
 @pytest.mark.parametrize("model", ["one-lobe-metallic", "auto"])
 def test_metallic_is_found(shoot, model):
     """By what all texels say together; `auto` takes it because left-out lamps show it."""
-    solution = shoots.run(shoot, model=model, loss="squares")
+    solution = solve(shoot, model=model, loss="squares")
     assert solution.model == {"Paint": "one-lobe-metallic"}
     assert solution.metallic["Paint"] == pytest.approx(METALLIC, abs=0.02)
     off = shoots.errors(solution, shoot.truth)
@@ -161,7 +164,12 @@ def beside_paint(base: np.ndarray, rough: np.ndarray, *vectors: np.ndarray) -> n
     return brdf.principled(base, rough, *vectors, metallic=np.where(rough < 0.42, 1.0, 0.0))
 
 
-AT = np.meshgrid(*2 * [(np.arange(64) + 0.5) / 64])
+def middles(size: int) -> list[np.ndarray]:
+    """u and v (size, size) of the texels."""
+    return np.meshgrid(*2 * [(np.arange(size) + 0.5) / size])
+
+
+AT = middles(SIZE)
 IS_METAL = syn.PATCHES.roughness(*AT) < 0.42
 
 
@@ -172,7 +180,7 @@ def mixed() -> syn.Shoot:
 
 @pytest.fixture(scope="module")
 def apart(mixed: syn.Shoot) -> Solution:
-    return shoots.run(mixed, model="auto")
+    return solve(mixed, model="auto")
 
 
 @pytest.mark.one_python
@@ -207,16 +215,20 @@ CHIPS = replace(
 
 @pytest.mark.one_python
 def test_metal_where_paint_is_chipped_is_found() -> None:
-    """No Metallic of all texels predicts better than none; the paint keeps what it has without the chips."""
-    found = shoots.run(syn.shoot(CHIPS, shoots.rig(2, 8), (72, 72), noise=0.005), model="auto")
-    metal = chipped(*AT)
+    """No Metallic of all texels predicts better than none; the paint keeps what it has without the chips.
+
+    Of fewer texels too many would lie at the chip's border.
+    """
+    found = solve(syn.shoot(CHIPS, shoots.rig(2, 8), (72, 72), noise=0.005), model="auto", size=64)
+    at = middles(64)
+    metal = chipped(*at)
     assert found.model == {"Paint": "one-lobe-metallic"} and found.metallic["Paint"] > 0.95
     assert found.paint["Paint"] == pytest.approx(1 - metal.mean(), abs=0.02)
     assert found.warnings == ()
     maps = found.maps
     assert np.mean((maps.metallic > 0) == metal) > 0.98
-    off = np.abs(maps.roughness - CHIPS.roughness(*AT))
-    base, sure = np.abs(maps.base_color - CHIPS.base(*AT)).max(-1), maps.confidence > 0.4
+    off = np.abs(maps.roughness - CHIPS.roughness(*at))
+    base, sure = np.abs(maps.base_color - CHIPS.base(*at)).max(-1), maps.confidence > 0.4
     for part in (metal, ~metal):
         assert np.median(off[part]) < 0.005 and np.median(base[part]) < 0.01
         assert sure[part].mean() > 0.5 and np.mean(off[part & sure] > 0.05) < 0.002
@@ -227,7 +239,7 @@ def test_paint_beside_metal_finds_its_level_where_the_scale_is_unknown(mixed) ->
     """Pictures of half the light: the paint's highlight is half as strong, its roughness the same."""
     images = {name: replace(image, rgb=image.rgb / 2) for name, image in mixed.images.items()}
     half = replace(mixed, images=images, scene=replace(mixed.scene, scale_known=False))
-    found = shoots.run(half, model="auto")
+    found = solve(half, model="auto")
     assert found.paint["Paint"] == pytest.approx(0.5, abs=0.04)
     assert found.levels["Paint"] == pytest.approx(0.25, abs=0.02)
     off = np.abs(found.maps.roughness - syn.PATCHES.roughness(*AT))
@@ -237,12 +249,12 @@ def test_paint_beside_metal_finds_its_level_where_the_scale_is_unknown(mixed) ->
 @pytest.mark.one_python
 def test_texels_finer_than_the_pictures_are_metal_or_paint(monkeypatch) -> None:
     """Where every second texel alone is searched."""
-    monkeypatch.setattr(stride, "LEAST", 32)
-    coarse = syn.shoot(replace(syn.PATCHES, reflect=beside_paint), shoots.rig(2, 8), (56, 56))
-    found = shoots.run(coarse, model="auto", size=128)
+    monkeypatch.setattr(stride, "LEAST", 16)
+    coarse = syn.shoot(replace(syn.PATCHES, reflect=beside_paint), shoots.rig(2, 8), (28, 28))
+    found = solve(coarse, model="auto", size=64)
     assert found.stride > 1 and found.paint["Paint"] == pytest.approx(0.5, abs=0.02)
     assert set(np.unique(found.maps.metallic)) == {0.0, np.float32(found.metallic["Paint"])}
-    fine = np.meshgrid(*2 * [(np.arange(128) + 0.5) / 128])
+    fine = middles(64)
     rough, metal = syn.PATCHES.roughness(*fine), syn.PATCHES.roughness(*fine) < 0.42
     assert np.mean((found.maps.metallic > 0) == metal) > 0.98
     for part in (metal, ~metal):
@@ -255,7 +267,7 @@ def test_texels_finer_than_the_pictures_are_metal_or_paint(monkeypatch) -> None:
 def test_what_is_sure_of_a_metal_is_right(reflect, least) -> None:
     """Without noise; no line blames paint or lamps."""
     shoot = syn.shoot(replace(syn.PATCHES, reflect=reflect), shoots.rig(2, 8), (72, 72))
-    solution = shoots.run(shoot, model="auto", size=64)
+    solution = solve(shoot, model="auto")
     assert solution.model == {"Paint": "one-lobe-metallic"} and solution.metallic["Paint"] > 0.95
     assert not [line for line in solution.warnings if "do not look like metal" in line or line.startswith("light")]
     sure = solution.maps.confidence > 0.5
@@ -267,7 +279,7 @@ def test_what_is_sure_of_a_metal_is_right(reflect, least) -> None:
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
 def test_a_material_that_is_no_mixture_has_no_map_of_metallic(metallic) -> None:
     truth = replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=metallic))
-    solution = shoots.run(syn.shoot(truth, shoots.rig(2, 8), (72, 72), noise=0.005), model="auto")
+    solution = solve(syn.shoot(truth, shoots.rig(2, 8), (72, 72), noise=0.005), model="auto")
     assert (solution.maps.metallic, solution.paint) == (None, {})
     assert not [line for line in solution.warnings if "no metal" in line]
     assert (solution.model == {"Paint": "one-lobe-metallic"}) == (metallic > 0)
@@ -277,7 +289,7 @@ def test_a_material_that_is_no_mixture_has_no_map_of_metallic(metallic) -> None:
 def test_a_part_keeps_what_is_metal_and_what_is_paint(mixed, apart) -> None:
     corners = (mixed.scene.mesh.uvs[..., 0] > 0.3).astype(np.float32)
     given = replace(mixed, scene=replace(mixed.scene, start=apart, region=Region(corners=corners)))
-    part = shoots.run(given, model="auto")
+    part = solve(given, model="auto")
     assert (part.model, part.metallic) == (apart.model, apart.metallic)
     assert part.paint["Paint"] == pytest.approx(apart.paint["Paint"], abs=0.01)
     assert np.mean(part.maps.metallic == apart.maps.metallic) > 0.995
@@ -285,7 +297,7 @@ def test_a_part_keeps_what_is_metal_and_what_is_paint(mixed, apart) -> None:
     assert sure[IS_METAL].mean() > 0.6 and sure[~IS_METAL].mean() > 0.6
     assert np.quantile(np.abs(part.maps.roughness - apart.maps.roughness)[sure], 0.99) < 0.01
     with pytest.raises(BadInput, match="its other region is metal and paint, for which only model Auto"):
-        shoots.run(given, model="one-lobe-metallic")
+        solve(given, model="one-lobe-metallic")
 
 
 @pytest.mark.one_python
@@ -293,7 +305,7 @@ def test_a_part_of_one_metallic_does_not_believe_paint(mixed, apart) -> None:
     """The material keeps the one value that its other part has."""
     one = replace(apart, maps=replace(apart.maps, metallic=None), paint={})
     corners = (mixed.scene.mesh.uvs[..., 0] > 0.3).astype(np.float32)
-    part = shoots.run(replace(mixed, scene=replace(mixed.scene, start=one, region=Region(corners=corners))))
+    part = solve(replace(mixed, scene=replace(mixed.scene, start=one, region=Region(corners=corners))))
     assert part.maps.metallic is None
     assert sum("do not look like metal" in line for line in part.warnings) == 1
     inside = np.broadcast_to(AT[0] > 0.35, IS_METAL.shape)
@@ -308,8 +320,8 @@ def test_views_beyond_what_a_software_renderer_finishes(on_gl, shoot, monkeypatc
     monkeypatch.setattr(observation_atlas, "LOOP_ROUNDS", 10)
     monkeypatch.setattr(on_gl(lambda device: device), "is_software", True)
     with pytest.raises(BadInput, match="model one-lobe-metallic: there are more views than it can take"):
-        shoots.run(shoot, model="one-lobe-metallic", loss="squares")
-    assert shoots.run(shoot, model="auto", loss="squares").metallic == {}
+        solve(shoot, model="one-lobe-metallic", loss="squares")
+    assert solve(shoot, model="auto", loss="squares").metallic == {}
 
 
 @pytest.mark.parametrize(("better", "found"), [(2.0, False), (7.0, True)])

@@ -41,7 +41,7 @@ def rendered(folder: Path, tones: Sequence[Sequence[float]], room: Sequence[floa
         made.world.use_nodes = True
     made.world.node_tree.nodes["Background"].inputs["Color"].default_value = (*room, 1)
     made.render.resolution_x = made.render.resolution_y = PIXELS
-    made.cycles.samples, made.cycles.max_bounces = 64, 0
+    made.cycles.samples, made.cycles.max_bounces = 32, 0
     views = []
     for camera in cameras:
         camera.data.lens = 75
