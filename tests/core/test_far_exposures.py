@@ -9,6 +9,7 @@ import pytest
 
 from irpso_addon.core.calibration.angles import angles_overlap
 from irpso_addon.core.calibration.calibrate import calibrate
+from irpso_addon.core.calibration.far_exposures import median_gains
 from irpso_addon.core.calibration.finish import Judged
 from irpso_addon.core.calibration.put_right import told
 from irpso_addon.core.calibration.rig_sample import RigSample
@@ -56,6 +57,28 @@ def test_right_exposures_stay_where_no_model_explains_the_pictures(slope: float)
 def test_where_nearly_nothing_is_explained_exposures_stay() -> None:
     """Bumps of 50 degrees, as of crumpled foil: what views show of their texels says nothing of their exposure."""
     assert judged(rough_scan(1.2, stops_apart(2))) is None
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_gains_are_medians_of_what_is_known(apart: bool) -> None:
+    """``apart``: a view has a layer for each channel.  A view that shows few texels has none."""
+    rng = np.random.default_rng(4)
+    rig = rough_scan(0.3, np.zeros(2 * SUNS))
+    layers = len(rig.view)
+    if apart:
+        rig = replace(rig, view=np.arange(layers, dtype=np.int32) // 3, texels=replace(
+            rig.texels, channel=np.arange(layers, dtype=np.int32) % 3))
+    views = rig.view.max() + 1
+    gain = rng.standard_normal(views)
+    noise = 0.05 * rng.standard_normal((len(rig.slot), layers))
+    left = rng.standard_normal((len(rig.slot), 1)) + gain[rig.view] + noise
+    left[rng.uniform(size=left.shape) < 0.4] = np.nan
+    left[:50] = np.nan
+    left[70:, rig.view == 1] = np.nan
+    found = median_gains(rig, left)[:views]
+    assert found[1] == 0
+    seen = np.arange(views) != 1
+    np.testing.assert_allclose(found[seen] - np.median(found[seen]), gain[seen] - np.median(gain[seen]), atol=0.03)
 
 
 def test_under_a_curve_that_is_not_known_exposures_stay() -> None:

@@ -152,6 +152,15 @@ def test_a_level_is_found_where_roughness_differs(
     assert found.metallic == pytest.approx(metallic, abs=0.01)
 
 
+@pytest.mark.parametrize("metals", [False, True])
+@pytest.mark.parametrize("metallic", [0.0, 0.6])
+def test_what_is_found_where_roughness_differs_is_found_alone(metallic: float, metals: bool) -> None:
+    texels, _ = sampled(300, 8, 1, RNG.uniform(0.2, 0.7, 300), 0.8, noise=0.02, metallic=metallic)
+    search, known = JointSearch(texels, metals), texels.lamps % 4 != 0
+    joint = search.settled(search.fit(known), known)
+    assert search.apart(known) == (joint.apart_metal if metals else joint.apart)
+
+
 def test_curves_between_cosines_are_those_of_interp() -> None:
     cosines = np.concatenate([RNG.uniform(-0.1, 1.1, 60), [0.0, 0.5, 1.0, 1 / 64]]).reshape(4, 16)
     curves = RNG.uniform(size=(3, len(COSINES)))

@@ -100,6 +100,31 @@ def test_fits_that_begin_alike_look_for_materials_once(monkeypatch: pytest.Monke
         assert one.materials == other.materials
 
 
+@pytest.mark.parametrize("tilts", [False, True])
+def test_fits_from_one_change_look_for_materials_once(tilts: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What other numbers do not change; and they find the same bytes as by themselves.  Another change has its own."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, texels=100, noise=0.01, turned=np.radians(0.5))
+    places = replace(PLACES, tilts=tilts)
+    start, other = (found(fit_rig(sample.rig, places, rounds=rounds)) for rounds in (2, 3))
+    frees = replace(places, ambient=True), replace(places, cosine=True)
+    apart = [found(fit_rig(replace(sample.rig), free, start=start, rounds=2)) for free in frees]
+    looked: list[bool] = []
+    original = rig_fit.materials_of
+
+    def heard(rig: RigSample, texels: SampledTexels, levels: bool) -> dict[int, OneMaterial]:
+        looked.append(levels)
+        return original(rig, texels, levels)
+
+    monkeypatch.setattr(rig_fit, "materials_of", heard)
+    together = [found(fit_rig(sample.rig, free, start=start, rounds=2)) for free in frees]
+    assert len(looked) == 1
+    for one, two in zip(apart, together, strict=True):
+        assert one.change.offset.tobytes() == two.change.offset.tobytes()
+        assert one.materials == two.materials
+    found(fit_rig(sample.rig, frees[0], start=other, rounds=1))
+    assert len(looked) == 2
+
+
 def test_slopes_of_places_that_are_near_are_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """And suns end where slopes at their own places would have led them, to a fifth of their standard errors."""
     sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, noise=0.01, turned=np.radians(0.5))

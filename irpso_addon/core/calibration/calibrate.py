@@ -11,8 +11,9 @@ from ..evaluation.folds import Folds, split
 from ..job import Progress, Steps, share_of
 from .angles import angles_overlap
 from .black_level import BlackLevel, black_level, without_black
-from .choice import Chosen, chosen, everything_of, with_ambient
+from .choice import with_ambient
 from .contest import GIVEN, Contest
+from .details import with_details
 from .falloff import edge_falloff
 from .far_exposures import FarExposures, far_exposures
 from .finish import Judged, Larger, ambient_of, final_of, judged_of, weighed
@@ -28,8 +29,6 @@ from .tints import Tints, tints_of
 from .tone_curve import ToneCurve, may_have_one, tone_curve
 
 LEAST_TEXELS = 100
-MESH = 0.003  # of the radiance, that neighbours leave over in common: more may be a mesh that is wrong in detail
-TILTED = 0.9  # of what predictions are off by: below it, lamps are found beside tilts
 
 
 def calibrate(
@@ -166,10 +165,10 @@ def _with_exposures(
     assert folds is not None
     far = (yield from far_exposures(sample, folds, first)) if exposures else None
     if far is None:
-        judged = yield from _with_details(sample, lamps, exposures, larger, normals)
+        judged = yield from with_details(sample, lamps, exposures, larger, normals)
         return _with_falloff(sample, judged, first) if exposures else judged
     evened = far.evened
-    judged = yield from _with_details(
+    judged = yield from with_details(
         evened(sample), lamps, exposures, lambda ambient: evened(larger(ambient)), normals)
     judged = _with_falloff(evened(sample), judged, first)
     if judged is None:
@@ -196,46 +195,6 @@ def _with_falloff(sample: RigSample, judged: Judged | None, first: RigFound) -> 
         return Judged(alone, falloff.given, falloff.changed, NOTHING, alone.error)
     beside = falloff.beside(judged.found)
     return replace(judged, found=beside, error=replace(judged.error, vignetting=falloff.error))
-
-
-def _with_details(
-    sample: RigSample, lamps: bool, exposures: bool, more: Larger, normals: bool,
-) -> Steps[Judged | None]:
-    """What is to be changed, beside a mesh that is wrong in detail too: that may hide what is off.
-
-    Where all numbers leave more in common than an exact mesh does, the mesh comes first, and numbers without it are
-    told apart only if that leads nowhere.
-    """
-    every, off = yield from everything_of(sample, lamps, exposures, False)
-    rough = normals and every is not None and every.found.common[1] > MESH
-    beside: Chosen | None = None
-    if every is not None and rough:
-        beside = yield from _beside_mesh(sample, lamps, exposures)
-        if beside is not None and beside.left < TILTED * every.foretold():
-            judged = yield from judged_of(beside, more)
-            if judged is not None:
-                return judged
-            beside = None
-    plain = None if every is None else (yield from chosen(every))
-    if plain is not None and not (normals and plain.found.common[1] > MESH):
-        judged = yield from judged_of(plain, more)
-        if judged is not None:
-            return judged
-        plain = None
-    if off and normals:
-        if not rough:
-            beside = yield from _beside_mesh(sample, lamps, exposures)
-        if beside is not None and (plain is None or beside.left < TILTED * plain.left):
-            judged = yield from judged_of(beside, more)
-            if judged is not None:
-                return judged
-    return None if plain is None else (yield from judged_of(plain, more))
-
-
-def _beside_mesh(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Chosen | None]:
-    """What is to be changed beside tilts of the texels' normals."""
-    every, _ = yield from everything_of(sample, lamps, exposures, True)
-    return None if every is None else (yield from chosen(every))
 
 
 def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:

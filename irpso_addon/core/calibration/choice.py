@@ -21,6 +21,7 @@ from .rig_sample import RigSample
 LEAST_BEND = 0.08
 QUICK = 2  # rounds that say whether something seems to be off
 HOPELESS = 0.75  # of what neighbours have in common: where all numbers leave more, none of them leave HALF
+OUT_OF_REACH = 2.0  # of what predictions are off by: from where no four more rounds bring a fit
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 
 
@@ -57,13 +58,32 @@ class Everything:
         return contest.scale("everything")
 
 
-def everything_of(
-    sample: RigSample, lamps: bool, exposures: bool, tilts: bool,
-) -> Steps[tuple[Everything | None, bool]]:
-    """All numbers, unless they explain nothing; and whether something seems to be off.
+@dataclass(frozen=True)
+class Begun:
+    """A fit of all numbers in which something seems to be off, however it ends."""
 
-    ``tilts``: of the texels' normals too.
-    """
+    quick: Everything  # after two rounds
+    whole: Everything
+
+    @property
+    def from_afar(self) -> bool:
+        """Whether lamps are to go first."""
+        whole = self.whole
+        return whole.frees[-1].lamps and not gains(whole.found) and (gains(self.quick.found) or not whole.tilts)
+
+    @property
+    def away(self) -> bool:
+        """Whether it leaves more than it began with, and numbers alone are to be looked at."""
+        return self.whole.found.scatter > self.whole.found.given and not self.whole.tilts
+
+    @property
+    def common(self) -> float:
+        """Relative: what neighbouring texels leave over in common, at least."""
+        return min(self.quick.found.common[1], self.whole.found.common[1])
+
+
+def begun_of(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Steps[Begun | None]:
+    """All numbers; None where nothing seems to be off.  ``tilts``: of the texels' normals too."""
     frees = candidates(sample, lamps, exposures, tilts)
     fit = RigFit(sample, frees[-1])
     quick = yield from share_of(fit.found(QUICK), 0.0, 0.1)
@@ -73,18 +93,21 @@ def everything_of(
         if beside.scatter < PAYS * quick.scatter:
             fit, quick, frees = other, beside, [replace(free, levels=True) for free in frees]
     if not is_off(quick):
-        return None, False
-    everything = yield from share_of(fit.found(ROUNDS), 0.2, 0.5)
-    away = everything.scatter > everything.given
-    if frees[-1].lamps and not gains(everything) and (gains(quick) or not tilts):
-        everything = yield from _from_afar(sample, frees[-1])
-    if away and not tilts:
-        alone, one = yield from _one_number(sample, frees)
-        if one.scatter < everything.scatter or not gains(everything):
-            frees, everything = alone, one
-    if not is_off(everything) or not gains(everything):
-        return None, True
-    return Everything(sample, frees, everything, tilts), True
+        return None
+    whole = yield from share_of(fit.found(ROUNDS), 0.2, 0.5)
+    return Begun(*(Everything(sample, frees, found, tilts) for found in (quick, whole)))
+
+
+def everything_of(begun: Begun) -> Steps[Everything | None]:
+    """All numbers, unless they explain nothing."""
+    every = begun.whole
+    if begun.from_afar:
+        every = replace(every, found=(yield from _from_afar(every.sample, every.frees[-1])))
+    if begun.away:
+        alone = yield from _one_number(every)
+        if alone.found.scatter < every.found.scatter or not gains(every.found):
+            every = alone
+    return every if is_off(every.found) and gains(every.found) else None
 
 
 def chosen(every: Everything) -> Steps[Chosen | None]:
@@ -127,25 +150,29 @@ def chosen(every: Everything) -> Steps[Chosen | None]:
     return Chosen(contest, taken, bent, beside)
 
 
-def _one_number(sample: RigSample, frees: list[Free]) -> Steps[tuple[list[Free], RigFound]]:
+def _one_number(every: Everything) -> Steps[Everything]:
     """The one number of all views that explains most, where a fit of all numbers leaves more than it began with.
 
     Under a flash that the cameras carry, ambient light and a response bend brightness so much alike that a fit of both
     runs away.  Each alone does not.
     """
-    none = replace(NOTHING, levels=frees[-1].levels)
+    none = replace(NOTHING, levels=every.frees[-1].levels)
     single = (replace(none, ambient=True), replace(none, vignetting=True), replace(none, response=True))
-    alone, fits = [free for free in single if free in frees], []
+    alone, fits = [free for free in single if free in every.frees], []
     for free in alone:
-        fits.append((yield from share_of(fit_rig(sample, free), 0.5, 0.5)))
+        fit = RigFit(every.sample, free)
+        found = yield from share_of(fit.found(QUICK), 0.5, 0.5)
+        fits.append((yield from share_of(fit.found(ROUNDS), 0.5, 0.5)) if is_off(found) else found)
     best = min(range(len(fits)), key=lambda n: fits[n].scatter)
-    return [alone[best]], fits[best]
+    return replace(every, frees=[alone[best]], found=fits[best])
 
 
 def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:
-    """All numbers at once run away where lamps are far off; lamps alone come near."""
+    """All numbers at once run away where lamps are far off; lamps alone come near, if that explains anything."""
     lamps = Free(True, False, levels=free.levels, tilts=free.tilts)
     near = yield from share_of(fit_rig(sample, lamps, rounds=2 * ROUNDS), 0.5, 0.5)
+    if not gains(near):
+        return near
     found = yield from share_of(fit_rig(sample, free, start=near, rounds=ROUNDS), 0.5, 0.5)
     best = found if found.scatter < near.scatter else near
     return replace(best, given=near.given, common=(near.common[0], best.common[1]))
@@ -201,7 +228,11 @@ def _is_diffuse(contest: Contest, taken: str, free: Free) -> Steps[bool]:
     if not (free.lamps or free.exposures) or any(group.carried for group in contest.sample.rig.groups):
         return False
     alone = _alone(free)
-    found = yield from share_of(fit_rig(contest.sample, alone, rounds=ROUNDS), 1.0, 1.0)
+    fit = RigFit(contest.sample, alone)
+    contest.add(str(alone), contest.of_whole((yield from share_of(fit.found(QUICK), 1.0, 1.0))))
+    if contest.scale(str(alone)) > OUT_OF_REACH * contest.scale(taken):
+        return False
+    found = yield from share_of(fit.found(ROUNDS), 1.0, 1.0)
     contest.add(str(alone), (yield from share_of(contest.predictions(alone, found), 1.0, 1.0)))
     return not contest.beats(taken, str(alone))
 

@@ -7,7 +7,6 @@ Exploratory Data Analysis, 1977), and then fitted.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from ..change_records import PredictionError
 from ..data import F64
 from ..evaluation.folds import Folds
+from ..evaluation.sampled_texels import median_of_known
 from ..job import Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
 from .rig import RigChange
@@ -68,7 +68,9 @@ def far_exposures(
     model explains the pictures.  Then gains need not halve the error, but must win clearly, see `_wins`.
     """
     free = Free(False, True, levels=not sample.scale_known)
-    gains = median_gains(sample, left_over(sample, first))
+    gains = sample.geometry.gains
+    if gains is None:
+        gains = sample.geometry.gains = median_gains(sample, left_over(sample, first))
     if np.abs(gains).max(initial=0.0) < FAR:
         return None
     none = RigChange.none(len(sample.rig.groups), len(sample.rig.views))
@@ -117,16 +119,16 @@ def median_gains(sample: RigSample, left: F64) -> F64:
     ``left``: as of `left_over`.
     """
     channel, views = sample.texels.channel, len(sample.rig.views)
-    gain, known = np.zeros(views), np.zeros(views, bool)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of texels and views without any
-        for _ in range(POLISHED):
-            rest = left - gain[sample.view]
-            for same in (channel == one for one in np.unique(channel)):
-                rest[:, same] -= np.nanmedian(rest[:, same], axis=1, keepdims=True)
-            for view in range(views):
-                own = rest[:, sample.view == view]
-                known[view] = np.isfinite(own).any(1).sum() >= LEAST_SHARED
-                gain[view] += np.nanmedian(own) if known[view] else 0.0
-            gain -= np.median(gain[known]) if known.any() else 0.0
+    seen = np.isfinite(left)
+    own = [(layers := sample.view == view, seen[:, layers]) for view in range(views)]
+    known = np.array([there.any(1).sum() >= LEAST_SHARED for _, there in own], bool)
+    gain, some = np.zeros(views), [(seen[:, channel == one].any(1), channel == one) for one in np.unique(channel)]
+    for _ in range(POLISHED if known.any() else 0):
+        rest = left - gain[sample.view]
+        for texels, same in some:
+            rest[np.ix_(texels, same)] -= median_of_known(rest[np.ix_(texels, same)])[:, None]
+        for view in np.flatnonzero(known):
+            layers, there = own[view]
+            gain[view] += np.median(rest[:, layers][there])
+        gain -= np.median(gain[known])
     return np.where(known, gain, 0.0)

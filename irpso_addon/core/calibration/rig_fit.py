@@ -165,7 +165,7 @@ class RigFit:
 
     def _linearised(self) -> RigRound:
         """What the sample shows under the change so far."""
-        if self.begins and self.done == 0:
+        if self.refit and self.done == 0:
             self.materials, now = self._begun()
             return now
         seen, before = self.sample.geometry.under(self.change), self.now
@@ -175,13 +175,17 @@ class RigFit:
         return RigRound(self.sample, self.paints, self.change, seen, self.materials, self.free.tilts, before)
 
     def _begun(self) -> tuple[dict[int, OneMaterial], RigRound]:
-        """Materials and round under the given rig, which fits of other numbers begin with too."""
-        kept, levels = self.sample.geometry.begun, self.free.levels
-        if levels not in kept:
-            seen = self.sample.geometry.under(self.change)
+        """Materials and round under the rig that fits of other numbers begin with too: given, or found last."""
+        geometry, levels = self.sample.geometry, self.free.levels
+        kept = geometry.begun if self.begins else geometry.again
+        key = levels, self.numbers.packed(self.change).tobytes()
+        if key not in kept:
+            if not self.begins:
+                kept.clear()
+            seen = geometry.under(self.change)
             materials = materials_of(self.sample, seen.texels, levels)
-            kept[levels] = materials, RigRound(self.sample, self.paints, self.change, seen, materials)
-        materials, now = kept[levels]
+            kept[key] = materials, RigRound(self.sample, self.paints, self.change, seen, materials)
+        materials, now = kept[key]
         return materials, now.beside_tilts() if self.free.tilts else now
 
     def _brightness(self, now: RigRound) -> ViewBrightness:

@@ -149,18 +149,22 @@ class RigGeometry:
         reached = np.ones(len(sample.slot)) if sample.openness is None else sample.openness
         self.open = reached[:, None] * lit  # (T, V) share of the light from all around
         self.file = shown[:, 0] * np.exp(shown[:, 1] * self.cosine)  # (T, V) value of files for each unit of radiance
-        self.begun: dict[bool, Any] = {}  # how fits of the sample begin, by whether levels are free: see rig_fit.py
+        # How fits of the sample begin, by whether levels are free and by the change: see rig_fit.py
+        self.begun: dict[tuple[bool, bytes], Any] = {}  # from what is given
+        self.again: dict[tuple[bool, bytes], Any] = {}  # from the last other change
+        self.gains: F64 | None = None  # (V,) of what views show over what others do: see far_exposures.py
 
     def of(self, sample: RigSample) -> RigGeometry:
         """Of other texels' observations at the same places."""
         other = copy(self)
-        other.sample, other.begun, other.slopes = sample, {}, dict(self.slopes)
+        other.sample, other.begun, other.again, other.gains = sample, {}, {}, None
+        other.slopes = dict(self.slopes)
         return other
 
     def part(self, sample: RigSample, some: Bool) -> RigGeometry:
         """Of some of the texels."""
         other = copy(self)
-        other.sample, other.begun, other.given_angles = sample, {}, {}
+        other.sample, other.begun, other.again, other.gains, other.given_angles = sample, {}, {}, None, {}
         other.lit = {name: lit[some] for name, lit in self.lit.items()}
         other.slopes = {name: (place, slopes[some], fine[some]) for name, (place, slopes, fine) in self.slopes.items()}
         other.given = {name: (light[some], slopes[some], fine[some])

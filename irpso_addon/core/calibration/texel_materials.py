@@ -31,12 +31,8 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     for slot in np.unique(sample.slot):
         own = texels.part(sample.slot == slot)
         if own.usable().any():
-            if sample.metals:
-                search = JointSearch(own)
-                found[int(slot)] = search.settled(search.fit(known), known).apart_metal
-            elif levels:
-                search = JointSearch(own, metals=False)
-                found[int(slot)] = search.settled(search.fit(known), known).apart
+            if sample.metals or levels:
+                found[int(slot)] = JointSearch(own, metals=sample.metals).apart(known)
             else:
                 found[int(slot)] = JointSearch(own, metals=False, levels=PLAIN_ALONE).plain(known)
     return found

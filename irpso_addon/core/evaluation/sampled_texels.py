@@ -50,7 +50,7 @@ class SampledTexels:
             same = self.channel == channel
             seen = np.where(self.quality[:, same, None] > 0, self.reflected[:, same], np.nan)
             some = (self.quality[:, same] > 0).any(1)
-            result[np.ix_(some, same)] = np.maximum(_median_of_known(seen[some]), 1e-4)[:, None]
+            result[np.ix_(some, same)] = np.maximum(median_of_known(seen[some]), 1e-4)[:, None]
         result.setflags(write=False)
         return result
 
@@ -326,7 +326,7 @@ def drawn_to(own: F64, count: F64, common: F64, strength: float) -> F64:
     return np.asarray((count * own + strength * common) / np.maximum(count + strength, LEAST)) if strength else own
 
 
-def _median_of_known(values: F64) -> F64:
+def median_of_known(values: F64) -> F64:
     """(T, ...) median along axis 1 of what is not NaN in (T, V, ...), of which there is something everywhere."""
     ordered = np.ascontiguousarray(np.moveaxis(values, 1, -1))
     ordered.sort(-1)  # NaN last
