@@ -78,7 +78,7 @@ def agreement(share: float, texels: int = 4000) -> Following | None:
 
     noise = 0.02 * RNG.standard_normal(texels) + np.where(RNG.uniform(size=texels) < 0.1, 1.0, 0.0)
     numbers = np.arange(texels, dtype=np.int32)
-    pair = CameraPair(numbers, (seen(0) + noise)[:, None], (seen(1) + noise)[:, None])
+    pair = CameraPair(numbers, *((seen(by) + noise)[None].astype(np.float32) for by in (0, 1)))
     return judged([pair], (numbers // 20).astype(np.int32))
 
 
@@ -91,6 +91,6 @@ def test_cameras_say_how_much_of_a_movement_is_right(share: float, pays: bool) -
 
 def test_cameras_that_see_no_texture_say_nothing() -> None:
     numbers = np.arange(50, dtype=np.int32)
-    noise = 0.02 * RNG.standard_normal((50, 1))
+    noise = 0.02 * RNG.standard_normal((1, 50)).astype(np.float32)
     assert judged([], numbers) is None
     assert judged([CameraPair(numbers, noise, noise)], numbers) is None

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F64, I32
+from ..data import F32, I32
 from ..evaluation.folds import scatter
 
 ROUNDS = 4
@@ -24,8 +24,8 @@ class CameraPair:
     """What two pictures show of N texels, on the mesh as it is given and as it would be."""
 
     texels: I32  # (N,) numbers
-    given: F64  # (N, C) logarithm of the one's radiance over the other's
-    moved: F64  # (N, C)
+    given: F32  # (C, N) logarithm of the one's radiance over the other's
+    moved: F32  # (C, N)
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,20 @@ def judged(pairs: Sequence[CameraPair], clusters: I32) -> Following | None:
     if not pairs:
         return None
     texels = np.concatenate([pair.texels for pair in pairs])
-    given = np.concatenate([pair.given for pair in pairs])
-    change = given - np.concatenate([pair.moved for pair in pairs])
-    if not len(given) or not np.abs(change).max() > LEAST_CHANGE:
+    given = np.concatenate([pair.given for pair in pairs], axis=1)
+    change = given - np.concatenate([pair.moved for pair in pairs], axis=1)
+    if not len(texels) or not np.abs(change).max() > LEAST_CHANGE:
         return None
-    unit = max(1.4826 * float(np.median(np.abs(given))), LEAST_CHANGE)
-    share, weight, curvature = 0.0, np.ones((len(given), 1)), 1.0
+    unit = np.float32(max(1.4826 * float(np.median(np.abs(given))), LEAST_CHANGE))
+    share, weight, curvature = np.float32(0), np.ones(len(texels), np.float32), 1.0
     for _ in range(ROUNDS):
-        weight = 1 / (1 + (np.abs(given - share * change).max(1, keepdims=True) / unit) ** 2)
-        curvature = float((weight * change**2).sum())
-        share = float((weight * change * given).sum()) / curvature
-    force = np.bincount(texels, (weight * change * (given - share * change)).sum(1), len(clusters))
-    return Following(share, scatter(force, clusters) / curvature)
+        weight = 1 / (1 + (np.abs(given - share * change).max(0) / unit) ** 2)
+        curvature = _sum(weight, change, change)
+        share = np.float32(_sum(weight, change, given) / curvature)
+    force = np.bincount(texels, weight * (change * (given - share * change)).sum(0), len(clusters))
+    return Following(float(share), scatter(force, clusters) / curvature)
+
+
+def _sum(weight: F32, one: F32, other: F32) -> float:
+    """Of (C, N) products under (N,) weights."""
+    return float((weight * (one * other).sum(0)).sum(dtype=np.float64))

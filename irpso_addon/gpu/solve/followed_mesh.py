@@ -72,11 +72,10 @@ def _pairs(
     for pictures in by_light.values():
         ends = pictures[1:] + (pictures[:1] if len(pictures) > 2 else [])
         for one, other in zip(pictures, ends, strict=False):
-            known = np.logical_and.reduce([values[:, 3] > 0 for values in (*one, *other)])
-            given, after = (np.log(np.maximum(a[known, :3], DARKEST)) - np.log(np.maximum(b[known, :3], DARKEST))
-                            for a, b in zip(one, other, strict=True))
-            texels: I32 = np.flatnonzero(known).astype(np.int32)
-            yield CameraPair(texels, given.astype(np.float64), after.astype(np.float64))
+            texels: I32 = np.flatnonzero(np.logical_and.reduce(
+                [np.isfinite(values[0]) for values in (*one, *other)])).astype(np.int32)
+            given, after = (a[:, texels] - b[:, texels] for a, b in zip(one, other, strict=True))
+            yield CameraPair(texels, given, after)
 
 
 def _light(view: View) -> tuple[object, ...]:
@@ -88,11 +87,14 @@ def _shown(
     device: Device, camera: ObservedCamera, view: ObservedView, places: tuple[moderngl.Texture, moderngl.Texture],
     target: moderngl.Texture,
 ) -> F32:
-    """(N, 4) what a view shows at places, as of observe/between.frag."""
+    """(3, N) logarithms of what a view shows at places, as of observe/between.frag; NaN where it shows none."""
     with device.target([target], clear=True) as drawn:
         device.draw("observe/between.frag", drawn, Inputs({
             "u_place": places[0], "u_place_normal": places[1], "u_position": camera.maps.position,
             "u_colour": view.colour,
         }, {**camera.uniforms, **camera.projection.uniforms},
             {**camera.defines, "LEAST_COSINE": str(LEAST_COSINE), "LEAST_QUALITY": str(LEAST_QUALITY)}))
-    return device.read(target).reshape(-1, 4)
+    shown = device.read(target).reshape(-1, 4)
+    logs: F32 = np.log(np.maximum(np.ascontiguousarray(shown[:, :3].T), np.float32(DARKEST)))
+    logs[:, shown[:, 3] <= 0] = np.nan
+    return logs
