@@ -129,7 +129,7 @@ class ModelPrediction:
             sample = packed(self.device, self.source, texels, squares)
             observed, _ = read_sample(self.device, sample, JUDGED, bounds=True)
             search, known = JointSearch(observed), np.ones(len(observed.camera), bool)
-            return search.settled(search.fit(known), known).apart_metal
+            return search.apart(known)
 
 
 class _Contest(SettledTrials):
