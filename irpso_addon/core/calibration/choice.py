@@ -21,7 +21,7 @@ from .rig_sample import RigSample
 LEAST_BEND = 0.08
 QUICK = 2  # rounds that say whether something seems to be off
 HOPELESS = 0.75  # of what neighbours have in common: where all numbers leave more, none of them leave HALF
-OUT_OF_REACH = 2.0  # of what predictions are off by: from where no four more rounds bring a fit
+OUT_OF_REACH = 2.0  # times what another rig's predictions are off by: four more rounds of a fit gain less
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 
 

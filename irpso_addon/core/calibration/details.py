@@ -21,7 +21,8 @@ def with_details(
     """What is to be changed, of `calibrate`.
 
     Where all numbers leave more in common than an exact mesh does, the mesh comes first, and numbers without it are
-    told apart only if that leads nowhere.  So are the ways in which all numbers are looked for where they run away.
+    told apart only if that leads nowhere.  Where a fit of all numbers runs away, the mesh comes before the other ways
+    to fit them, too.
     """
     begun = yield from begun_of(sample, lamps, exposures, False)
     if begun is None:
