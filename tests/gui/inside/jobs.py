@@ -106,7 +106,7 @@ def whole(scene: str, size: int, shading: str = "MATERIAL") -> Steps:
     yield from opened(scene, size)
     yield from robot.look("panel")
     yield from started()
-    robot.tell(seconds=(yield from ended(2 * robot.PATIENCE)))  # the first on a machine compiles its shaders
+    robot.tell(seconds=(yield from ended()))
     yield from delivered()
     robot.area().spaces.active.shading.type = shading
     yield from robot.look("solved", 4)
