@@ -157,7 +157,7 @@ def _at(values: F32, at: tuple[I32, I32], size: int) -> F64:
 def _fitted(sample: TiltSample, judged: NormalsJudged, tilt: F64 | None) -> tuple[F64, F64]:
     """(information, pull) of some texels, each with its own roughness under its own tilt.
 
-    ``tilt``: (T, 2) about what it is; None: nothing is known of it.
+    ``tilt``: (T, 2) about what it is; None: nothing is known of it.  Levels beside it take all rounds in any case.
     """
     known = [judged.materials.get(int(slot), OneMaterial(0.5)) for slot in sample.rig.slot]
     rough, level = (np.array([getattr(one, name) for one in known]) for name in ("roughness", "level"))
@@ -166,7 +166,7 @@ def _fitted(sample: TiltSample, judged: NormalsJudged, tilt: F64 | None) -> tupl
     if judged.beside is Beside.LEVEL:  # the roughness is the material's
         fit = partial(fit, deviation=judged.deviation)
     lobes, rounds = first, AGAIN
-    if tilt is None:
+    if tilt is None or judged.beside is Beside.LEVEL:
         found = fit(first, rounds=ROUNDS)
         tilt, lobes, rounds = found.under(judged.deviation)[0], found.lobes, OWN
     if judged.beside is not Beside.LEVEL:
