@@ -79,11 +79,8 @@ def test_powers_beside_exposures_are_stated_as_sure_as_they_are(seed: int) -> No
         assert 0.4 < np.sqrt(np.mean((off / getattr(of.error, name)) ** 2)) < 1.2
 
 
-def test_fits_that_begin_alike_look_for_materials_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And find the same bytes as by themselves.  Levels that are free have materials of their own."""
-    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, texels=100, noise=0.01, turned=np.radians(0.5))
-    frees = PLACES, Free(lamps=False, exposures=True), replace(PLACES, levels=True)
-    apart = [found(fit_rig(replace(sample.rig), free, rounds=2)) for free in frees]
+def looked_for(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Whether levels were free, each time that materials are looked for from now on."""
     looked: list[bool] = []
     original = rig_fit.materials_of
 
@@ -92,6 +89,15 @@ def test_fits_that_begin_alike_look_for_materials_once(monkeypatch: pytest.Monke
         return original(rig, texels, levels)
 
     monkeypatch.setattr(rig_fit, "materials_of", heard)
+    return looked
+
+
+def test_fits_that_begin_alike_look_for_materials_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And find the same bytes as by themselves.  Levels that are free have materials of their own."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, texels=100, noise=0.01, turned=np.radians(0.5))
+    frees = PLACES, Free(lamps=False, exposures=True), replace(PLACES, levels=True)
+    apart = [found(fit_rig(replace(sample.rig), free, rounds=2)) for free in frees]
+    looked = looked_for(monkeypatch)
     together = [found(fit_rig(sample.rig, free, rounds=2)) for free in frees]
     assert looked == [False, True]
     for one, other in zip(apart, together, strict=True):
@@ -108,14 +114,7 @@ def test_fits_from_one_change_look_for_materials_once(tilts: bool, monkeypatch: 
     start, other = (found(fit_rig(sample.rig, places, rounds=rounds)) for rounds in (2, 3))
     frees = replace(places, ambient=True), replace(places, cosine=True)
     apart = [found(fit_rig(replace(sample.rig), free, start=start, rounds=2)) for free in frees]
-    looked: list[bool] = []
-    original = rig_fit.materials_of
-
-    def heard(rig: RigSample, texels: SampledTexels, levels: bool) -> dict[int, OneMaterial]:
-        looked.append(levels)
-        return original(rig, texels, levels)
-
-    monkeypatch.setattr(rig_fit, "materials_of", heard)
+    looked = looked_for(monkeypatch)
     together = [found(fit_rig(sample.rig, free, start=start, rounds=2)) for free in frees]
     assert len(looked) == 1
     for one, two in zip(apart, together, strict=True):
